@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Sequence
 from ipaddress import IPv4Network, IPv6Network, ip_address
 from typing import Any, ClassVar, Final, Literal
+from urllib.parse import urlsplit
 
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
@@ -25,11 +26,15 @@ HEAD_S: Final = 10.0
 """From the connection, or from a request's first byte, to the end of its head."""
 BODY_IDLE_S: Final = 20.0
 """Without a byte of a body that the application waits for."""
+BODY_BYTES_PER_S: Final = 500
+"""Below this a body uses up the same patience: one byte now and then would hold a connection for ever."""
 SWITCHING_PROTOCOLS: Final = 101
 _TOO_LARGE: Final = b"HTTP/1.1 431 Request Header Fields Too Large\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
 _TOO_MANY: Final = (
     b"HTTP/1.1 503 Service Unavailable\r\nretry-after: 10\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
 )
+_AMBIGUOUS: Final = b"HTTP/1.1 400 Bad Request\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
+_NO_SUCH_CODING: Final = b"HTTP/1.1 501 Not Implemented\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
 _TOO_SLOW: Final = b"HTTP/1.1 408 Request Timeout\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
 
 
@@ -87,6 +92,15 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
             told: dict[Any, Any] = self.scope["extensions"]
             told[EXTENSION] = self._peer
 
+    def send_receive_event_to_app(self) -> None:
+        """Text that is none ends the connection; uvicorn would write a traceback for each."""
+        if self.curr_msg_data_type == "text" and not _is_text(b"".join(self.frames)):
+            self.frames = []
+            self.conn.fail(1007, "text that is not UTF-8")
+            self.handle_parser_exception()
+            return
+        super().send_receive_event_to_app()
+
     def connection_lost(self, exc: Exception | None) -> None:
         """The transport says so once."""
         super().connection_lost(exc)
@@ -107,6 +121,8 @@ class HttpProtocol(HttpToolsProtocol):
     _phase: Literal["idle", "head", "body"] = "idle"
     """What the client owes: nothing, the rest of a head, or of a body."""
     _wait: asyncio.TimerHandle | None = None
+    _body_until_s = 0.0
+    """When the patience with a body ends, by the loop's clock."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Comes after the TLS handshake."""
@@ -139,7 +155,7 @@ class HttpProtocol(HttpToolsProtocol):
         if self._phase == "head":
             self._head_bytes += len(data)
         elif self._phase == "body":
-            self._wait_for(BODY_IDLE_S)
+            self._wait_for_body(len(data) / BODY_BYTES_PER_S)
         elif self._wait is None and (not self._begun or self.cycle.response_complete):
             self._wait_for(HEAD_S)  # bytes that begin no request
 
@@ -168,9 +184,13 @@ class HttpProtocol(HttpToolsProtocol):
         self._phase = "body"
         if sum(len(name) + len(value) for name, value in self.headers) + len(self.url) > MAX_HEAD_BYTES:
             self._refuse(_TOO_LARGE)
+        elif any(name == b"transfer-encoding" and value.lower() != b"chunked" for name, value in self.headers):
+            self._refuse(_NO_SUCH_CODING)
+        elif not self._is_addressed():
+            self._refuse(_AMBIGUOUS)
         if self.transport.is_closing():
             return
-        self._wait_for(BODY_IDLE_S)
+        self._wait_for_body(BODY_IDLE_S)
         self._begun = True
         super().on_headers_complete()
 
@@ -186,6 +206,13 @@ class HttpProtocol(HttpToolsProtocol):
         if self._begun and not self.transport.is_closing():
             super().on_message_complete()
 
+    def _is_addressed(self) -> bool:
+        """Whether a request line that names a host (RFC 9112, 3.2.2) names the one that `Host` does."""
+        named = urlsplit(self.url).netloc
+        return self.url[:1] in {b"/", b"*"} or all(
+            value.lower() == named.lower() for name, value in self.headers if name == b"host"
+        )
+
     def _refuse(self, answer: bytes) -> None:
         self._wait_no_longer()
         if not self.transport.is_closing():
@@ -196,6 +223,11 @@ class HttpProtocol(HttpToolsProtocol):
         self._wait_no_longer()
         self._wait = self.loop.call_later(seconds, self._waited)
 
+    def _wait_for_body(self, more_s: float) -> None:
+        now_s = self.loop.time()
+        self._body_until_s = min(max(self._body_until_s, now_s) + more_s, now_s + BODY_IDLE_S)
+        self._wait_for(self._body_until_s - now_s)
+
     def _wait_no_longer(self) -> None:
         if self._wait is not None:
             self._wait.cancel()
@@ -204,9 +236,17 @@ class HttpProtocol(HttpToolsProtocol):
     def _waited(self) -> None:
         self._wait = None
         if self._phase == "body" and self.flow.read_paused:
-            self._wait_for(BODY_IDLE_S)  # it is the application that takes its time
+            self._wait_for_body(BODY_IDLE_S)  # it is the application that takes its time
             return
         self._refuse(_TOO_SLOW)
+
+
+def _is_text(data: bytes) -> bool:
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
 
 
 def _peer_of(transport: asyncio.BaseTransport, *, for_agents: bool) -> Peer:

@@ -10,6 +10,7 @@ from ipaddress import ip_network
 
 import httpx
 import pytest
+import websockets
 from kit.bombs import bomb, peak_kb
 
 from wonderland_backend import http_protocol
@@ -104,6 +105,54 @@ async def test_a_request_whose_end_could_be_read_in_two_ways_is_refused(at, head
     answer = await answer_of(reader)
     assert answer.startswith(b"HTTP/1.1 400 ")
     assert answer.count(b"HTTP/1.1 ") == 1, "what was hidden behind it is not answered"
+
+
+async def test_a_coding_that_nobody_knows_is_not_taken_for_none(at):
+    reader, writer = await at()
+    writer.write(b"POST /api/v1/session HTTP/1.1\r\nHost: 127.0.0.1\r\nTransfer-Encoding: x, chunked\r\n\r\n0\r\n\r\n")
+    assert (await answer_of(reader)).startswith(b"HTTP/1.1 501 ")
+
+
+@pytest.mark.parametrize(
+    ("target", "status"),
+    [(b"http://127.0.0.1/api/v1/health", 200), (b"http://evil.example/api/v1/health", 400), (b"http://[/", 400)],
+    ids=["its own", "another", "none"],
+)
+async def test_a_request_line_that_names_a_host_names_the_one_of_its_header(at, target, status):
+    reader, writer = await at()
+    writer.write(b"GET " + target + b" HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+    assert (await answer_of(reader)).startswith(b"HTTP/1.1 %d " % status)
+
+
+async def test_a_body_that_drips_is_let_go_and_a_slow_one_is_not(at, monkeypatch):
+    monkeypatch.setattr(http_protocol, "BODY_IDLE_S", 0.4)
+    monkeypatch.setattr(http_protocol, "BODY_BYTES_PER_S", 500)
+    answers = []
+    for each in (b" ", b" " * 100):
+        reader, writer = await at()
+        length = len(each) * 20
+        writer.write(
+            b"POST /api/v1/session HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n"
+            b"Content-Type: application/json\r\nContent-Length: %d\r\n\r\n" % length
+        )
+        answer = asyncio.create_task(answer_of(reader))
+        for _ in range(20):
+            await asyncio.wait({answer}, timeout=0.1)
+            if not answer.done():
+                writer.write(each)
+        answers.append((await answer)[:13])
+    assert answers == [b"HTTP/1.1 408 ", b"HTTP/1.1 422 "]
+
+
+async def test_text_that_is_none_ends_a_connection_and_writes_no_traceback(running, caplog):
+    async with running.live() as socket:
+        await asyncio.wait_for(socket.recv(), 5)
+        await socket.send(b"\xff\xfe", text=True)
+        with pytest.raises(websockets.ConnectionClosed) as closed:
+            while True:
+                await asyncio.wait_for(socket.recv(), 5)
+    assert closed.value.rcvd.code == 1007
+    assert [each for each in caplog.records if each.exc_info] == []
 
 
 @pytest.mark.parametrize(("trusted", "address"), [(("127.0.0.1",), "192.0.2.7"), (("10.0.0.0/8",), "127.0.0.1")])
