@@ -9,11 +9,12 @@ import pytest
 from kit.proof_world import START_MS, World
 
 from wonderland.proofs.honest import looks_of, narrower, rounds_for, share_by, share_verified
-from wonderland.proofs.likelihood import Matrix2
+from wonderland.proofs.likelihood import Matrix2, inside_disc
 from wonderland.proofs.prospects import prospect
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import Evidence
 from wonderland.proofs.reduction import HEIGHT_SIGMA_FLOOR_MM
+from wonderland.proofs.stopping import sides
 from wonderland.proofs.verdict import preview
 
 DRONES = 200
@@ -90,3 +91,20 @@ def test_a_narrower_buffer_stands_for_the_share():
     assert share_verified(Matrix2(s1 * s1, 0.0, 1.0), policy) > 0.9
     assert share_verified(Matrix2(s1 * s1, 0.0, s1 * s1), policy) < share_verified(Matrix2(s1 * s1, 0.0, 1.0), policy)
     assert share_verified(Matrix2(340.0**2, 0.0, 1.0), policy) == 0.0
+
+
+@pytest.mark.parametrize("s1", [60.0, 150.0, 250.0, 320.0])
+@pytest.mark.parametrize("ratio", [0.001, 0.3, 1.0])
+@pytest.mark.parametrize("step", [0.0, 1e-4])
+def test_the_share_is_the_mass_of_what_the_contract_would_verify(s1, ratio, step):
+    """The depth of an estimate on the major axis, by the search that the contract makes."""
+    policy, c, s = Policy(), math.cos(0.7), math.sin(0.7)
+    large, small = s1 * s1, s1 * s1 * ratio * ratio
+    covariance = Matrix2(c * c * large + s * s * small, c * s * (large - small), s * s * large + c * c * small)
+    low, high = 0.0, float(policy.buffer_mm)
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        inside = sides(middle * c, middle * s, covariance, policy, step).inside
+        low, high = (middle, high) if inside else (low, middle)
+    assert low > 0.0
+    assert share_verified(covariance, policy, step) == pytest.approx(inside_disc(0, 0, covariance, low), abs=1e-9)

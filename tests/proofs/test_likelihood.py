@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import integrate, stats
 
-from wonderland.proofs.likelihood import Matrix2, distance_to_disc, distance_to_outside, inside_disc
+from wonderland.proofs.likelihood import Matrix2, about_the_middle, distance_to_disc, distance_to_outside, inside_disc
 
 
 def covariance(s1, s2, angle):
@@ -43,7 +43,15 @@ def test_isotropic_closed_form():
     assert inside_disc(0, 0, Matrix2(250_000, 0, 250_000), 1000.0) == pytest.approx(1 - math.exp(-2), abs=1e-8)
 
 
+@given(st.floats(0.003, 100), st.floats(0.001, 1), st.floats(0, 6.3))
+@settings(deadline=None, max_examples=80)
+def test_about_the_middle_half_of_it_is_enough(s1, ratio, angle):
+    c = covariance(1000.0 * s1, 1000.0 * s1 * ratio, angle)
+    assert about_the_middle(c, 1000.0) == pytest.approx(inside_disc(0, 0, c, 1000.0), abs=1e-13)
+
+
 def test_a_sure_estimate():
+    assert about_the_middle(Matrix2(0, 0, 0), 1000.0) == 1.0
     assert inside_disc(0, 0, Matrix2(0, 0, 0), 1000.0) == 1.0
     assert inside_disc(1001, 0, Matrix2(0, 0, 0), 1000.0) == 0.0
     assert inside_disc(1e7, 0, Matrix2(100, 0, 100), 1000.0) == 0.0

@@ -13,10 +13,10 @@ from functools import lru_cache
 from math import sqrt
 from typing import Final
 
-from wonderland.proofs.likelihood import Matrix2, inside_disc
+from wonderland.proofs.likelihood import LARGE_DISTANCE, Matrix2, about_the_middle
 from wonderland.proofs.prospects import Prospect
 from wonderland.proofs.records.policies import Policy
-from wonderland.proofs.stopping import LOOKS, settled_variance, sides, step_of
+from wonderland.proofs.stopping import LOOKS, proved_inside, settled_variance, step_of
 
 SHARE_PPM: Final = 900_000
 """Of honest drones: with fewer, a pad is no go."""
@@ -52,17 +52,23 @@ def share_by(found: Prospect, policy: Policy, rounds: int) -> float:
 
 def share_verified(covariance: Matrix2, policy: Policy, step: float = 0.0) -> float:
     """Share of honest drones whose estimates, of this covariance (mm²), prove them within the buffer."""
-    axes = covariance.ellipse()
-    low, high = 0.0, float(policy.buffer_mm)
-    if not sides(0.0, 0.0, covariance, policy, step).inside:
+    s1 = covariance.ellipse().s1
+    radius = float(policy.buffer_mm)
+    if not proved_inside(_depth(radius, s1), s1, radius, policy, step):
         return 0.0
+    low, high = 0.0, radius
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if sides(middle * axes.east, middle * axes.north, covariance, policy, step).inside:
+        if proved_inside(_depth(radius - middle, s1), s1, radius, policy, step):
             low = middle
         else:
             high = middle
-    return inside_disc(0.0, 0.0, covariance, low) if low > 0.0 else 0.0
+    return about_the_middle(covariance, low) if low > 0.0 else 0.0
+
+
+def _depth(margin: float, s1: float) -> float:
+    """Standard deviations to the edge from an estimate on the major axis: no other way out is as near by them."""
+    return margin / s1 if s1 > 0.0 else LARGE_DISTANCE
 
 
 def narrowed(policy: Policy) -> Policy:
