@@ -6,44 +6,19 @@ import asyncio
 import json
 import math
 import uuid
-from contextlib import asynccontextmanager
 
 import pytest
 from kit.agents import FRAME, decided
-from kit.ros2 import TYPES, SdkPeer, parts_of, router
+from kit.ros2 import TYPES, SdkPeer, pad_node, parts_of, router
 
-from wonderland.asset_contract import AssetContract
-from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_rmw_zenoh import wire
 from wonderland_rmw_zenoh.node import Node
 from wonderland_rmw_zenoh.standard import SERVICES
-from wonderland_ros_bridge.ros2.pad_node import PadNode
-from wonderland_ros_bridge.ros2.reports import listening
-from wonderland_ros_bridge.ros2.settings import PadNodeSettings
 
 PAD = "/wonderland/pad_1"
 VERDICT = "wonderland_msgs/msg/Verdict"
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 ACTION = f"{PAD}/prove_location/_action"
-
-
-@asynccontextmanager
-async def pad_node(world, where, *, name="mirror"):
-    connection = world.connection
-    settings = PadNodeSettings(pad_id="pad-1", reports=world.directory / "reports.sock")
-    async with connection.open_channel() as channel, Node(settings.node, where.link) as node:
-        network = Gateway(channel, connection.identity(name), connection.signer(name)).network(connection.channel)
-        made = PadNode(settings, node, AssetContract(network, connection.chaincode), world.clock)
-        async with listening(settings.reports, made.report):
-            working = asyncio.create_task(made.run())
-            try:
-                async with asyncio.timeout(10):
-                    await made.placed.wait()
-                yield made
-            finally:
-                working.cancel()
-                await asyncio.gather(working, return_exceptions=True)
-                assert working.cancelled(), working.exception()
 
 
 async def test_a_proof_is_heard_by_a_peer_that_is_none_of_ours(world):

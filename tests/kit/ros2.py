@@ -14,9 +14,15 @@ from pathlib import Path
 
 import pytest
 
+from wonderland.asset_contract import AssetContract
+from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_rmw_zenoh.interfaces import Interfaces
+from wonderland_rmw_zenoh.node import Node
 from wonderland_rmw_zenoh.session import Link
 from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORY
+from wonderland_ros_bridge.ros2.pad_node import PadNode
+from wonderland_ros_bridge.ros2.reports import listening
+from wonderland_ros_bridge.ros2.settings import PadNodeSettings
 
 TYPES = Interfaces([DIRECTORY])
 _ROUTER = """
@@ -78,6 +84,26 @@ async def router(port=None):
         yield await made.start()
     finally:
         await made.stop()
+
+
+@asynccontextmanager
+async def pad_node(world, where, *, name="mirror", clock=None, **settings):
+    """The node of the world's pad, as ``wonderland ros2 run`` puts it together."""
+    connection = world.connection
+    made_of = PadNodeSettings(pad_id="pad-1", reports=world.directory / "reports.sock", **settings)
+    async with connection.open_channel() as channel, Node(made_of.node, where.link) as node:
+        network = Gateway(channel, connection.identity(name), connection.signer(name)).network(connection.channel)
+        made = PadNode(made_of, node, AssetContract(network, connection.chaincode), clock or world.clock)
+        async with listening(made_of.reports, made.report):
+            working = asyncio.create_task(made.run())
+            try:
+                async with asyncio.timeout(10):
+                    await made.placed.wait()
+                yield made
+            finally:
+                working.cancel()
+                await asyncio.gather(working, return_exceptions=True)
+                assert working.cancelled(), working.exception()
 
 
 def parts_of(kind):

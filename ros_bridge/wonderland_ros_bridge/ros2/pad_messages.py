@@ -190,16 +190,24 @@ def state(
     }
 
 
-def diagnostics(t_ms: int, pad_id: str, health: telemetry.Health | None, *, on_ledger: bool) -> Message:
-    """``diagnostic_msgs/DiagnosticArray``: the agent, the ledger, each anchor."""
+def diagnostics(
+    t_ms: int,
+    pad_id: str,
+    health: telemetry.Health | None,
+    *,
+    on_ledger: bool,
+    door: tuple[str, str, Message] | None = None,
+) -> Message:
+    """``diagnostic_msgs/DiagnosticArray``: the agent, the ledger, Open-RMF's door, each anchor."""
 
     def status(name: str, level: int, message: str, **values: object) -> Message:
         pairs = [{"key": key, "value": str(value)} for key, value in values.items()]
         return {"level": level, "name": f"{pad_id}: {name}", "message": message, "hardware_id": pad_id, "values": pairs}
 
     ledger = status("ledger", *((_OK, "followed") if on_ledger else (_ERROR, "away")))
+    doors = [] if door is None else [status("door", _LEVELS[door[0]], door[1], **door[2])]
     if health is None:
-        return {"header": header(t_ms, ""), "status": [status("agent", _STALE, "it reports nothing"), ledger]}
+        return {"header": header(t_ms, ""), "status": [status("agent", _STALE, "it reports nothing"), ledger, *doors]}
     spool = health.spool
     waiting = {} if spool is None else {"spooled": spool.records, "dropped": spool.dropped}
     none_left = health.prekeys == 0
@@ -208,7 +216,7 @@ def diagnostics(t_ms: int, pad_id: str, health: telemetry.Health | None, *, on_l
         status(f"anchor {each.anchor_id}", _LEVELS.get(each.state, _WARN), each.detail or each.state)
         for each in health.anchors
     ]
-    return {"header": header(t_ms, ""), "status": [agent, ledger, *anchors]}
+    return {"header": header(t_ms, ""), "status": [agent, ledger, *doors, *anchors]}
 
 
 def _pose(east_mm: int, north_mm: int, up_mm: int, covariance: list[float]) -> Message:

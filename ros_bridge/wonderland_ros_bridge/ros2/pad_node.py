@@ -26,6 +26,7 @@ from wonderland_rmw_zenoh.node import Node, Publication
 from wonderland_rmw_zenoh.wire import Qos
 from wonderland_ros_bridge.ros2 import pad_messages as says
 from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORY
+from wonderland_ros_bridge.ros2.open_rmf import OpenRmf
 from wonderland_ros_bridge.ros2.parameters import Parameters
 from wonderland_ros_bridge.ros2.prove_location import ProveLocation
 from wonderland_ros_bridge.ros2.settings import PadNodeSettings
@@ -79,7 +80,11 @@ class PadNode:
         self._told: Mapping[str, Any] = {}
         self._queue: asyncio.Queue[tuple[int, Body]] = asyncio.Queue(MAX_WAITING)
         self._topics: dict[str, Publication] = {}
+        self._next = 0
+        self._height = 0
         self._action = ProveLocation(node, self._types, settings.pad_id, clock)
+        rmf = settings.open_rmf
+        self._door = None if rmf is None else OpenRmf(rmf, node, self._types, settings.pad_id, clock, self._is_there)
         self.placed: Final = asyncio.Event()
         """From now on nothing that is committed is missed."""
 
@@ -97,7 +102,8 @@ class PadNode:
     async def run(self) -> None:
         """Publish until cancelled. Raises BridgeError, Ros2Error."""
         self._declare()
-        await run_together(self._follow(), self._watch(), self._take_reports(), self._tell(), self._action.run())
+        door = () if self._door is None else (self._door.run(),)
+        await run_together(self._follow(), self._watch(), self._take_reports(), self._tell(), self._action.run(), *door)
 
     def _declare(self) -> None:
         for name, kind, qos in (
@@ -133,20 +139,23 @@ class PadNode:
     # --- the ledger ----------------------------------------------------------------------------------------------
 
     async def _follow(self) -> None:
-        start: int | None = None
+        begun = False
         trouble = ""
         while True:
             try:
                 if self._pad is None:
                     await self._read_pad()
-                if start is None:
-                    start = max(0, await self._ledger.height() - LOOK_BACK)
-                self._on_ledger = True
+                self._height = await self._ledger.height()
+                if not begun:
+                    self._next, begun = max(0, self._height - LOOK_BACK), True
+                self._on_ledger = self._next >= self._height
                 self.placed.set()
-                async for block in self._ledger.committed(start):
+                async for block in self._ledger.committed(self._next):
                     for event in block.events:
                         await self._take_event(event, block.number)
-                    start = block.number + 1
+                    self._next = block.number + 1
+                    # Not before: what a block says may be over by the next one.
+                    self._on_ledger |= self._next == self._height
             except LedgerError as error:
                 if str(error) != trouble:
                     _log.warning("the ledger is not followed, tried again: %s", error)
@@ -160,11 +169,13 @@ class PadNode:
             await asyncio.sleep(WATCH_S)
             try:
                 async with asyncio.timeout(WATCH_S):
-                    await self._ledger.height()
+                    height = await self._ledger.height()
             except (LedgerError, TimeoutError):
                 self._on_ledger = False
             else:
-                self._on_ledger = self.placed.is_set()
+                # Who was there may be a look behind, no more; who was away has to have read all.
+                needed = self._height if self._on_ledger else height
+                self._height, self._on_ledger = height, self.placed.is_set() and self._next >= needed
 
     async def _read_pad(self) -> None:
         self._pad = pad = await self._ledger.read_pad(self._settings.pad_id)
@@ -200,6 +211,8 @@ class PadNode:
                 self._session_id = session.session_id if session.state == "requested" else ""
                 await self._topics["session"].publish(message)
                 self._action.session(message)
+            if self._door is not None:
+                self._door.take(event)
         except ProofError as error:
             _log.warning("transaction %s is not published: %s", event.tx_id, error)
 
@@ -225,6 +238,9 @@ class PadNode:
             topic = self._topic(f"range/{wire.as_name(anchor_id)}", "sensor_msgs/msg/Range", wire.SENSOR)
             await topic.publish(message)
 
+    def _is_there(self) -> bool:
+        return self._on_ledger and self._reporting() is not None
+
     def _reporting(self) -> telemetry.Health | None:
         return self._health if self._clock() - self._heard_ms <= SILENT_MS else None
 
@@ -246,7 +262,8 @@ class PadNode:
                 self._told, rest = seen, 10
                 await self._topics["state"].publish(state)
             rest -= 1
+            door = None if self._door is None else self._door.diagnosed()
             await self._topics["/diagnostics"].publish(
-                says.diagnostics(now, self._settings.pad_id, health, on_ledger=self._on_ledger)
+                says.diagnostics(now, self._settings.pad_id, health, on_ledger=self._on_ledger, door=door)
             )
             await asyncio.sleep(TELL_S)

@@ -63,6 +63,9 @@ def explained(settings: Settings) -> Iterator[str]:
     if pad is not None:
         yield f"Pad {pad.pad_id}: its frame is {pad.frame}, within {pad.map_frame}."
         yield f"The pad's agent is heard on {pad.reports} (local_reports in pad.toml)."
+        if pad.open_rmf is not None:
+            group = "no mutex group" if pad.open_rmf.mutex_group is None else f"mutex group {pad.open_rmf.mutex_group}"
+            yield f"For Open-RMF it is door {pad.open_rmf.door or pad.pad_id}, with {group}; only a proof opens it."
     yield f"It meets others at {', '.join(ros2.connect)}."
     if ros2.tls is None:
         yield "It speaks with this machine alone: there are no certificates (ros2.tls)."

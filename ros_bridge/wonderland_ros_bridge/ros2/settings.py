@@ -55,6 +55,15 @@ class Ros2Settings(Table, frozen=True):
         return Link(self.connect, listen, tls)
 
 
+class OpenRmfSettings(Table, frozen=True):
+    """``[pad.open_rmf]``: the pad as a door of Open-RMF. RMF may ask for it; only a proof opens it."""
+
+    door: Text | None = None
+    """The door’s name in RMF’s building map; left out: ``pad_id``."""
+    mutex_group: Text | None = None
+    """The mutex group of the pad’s waypoint, locked while somebody has a permission; left out: none is."""
+
+
 class PadNodeSettings(Table, frozen=True):
     """``[pad]``: which pad is a node."""
 
@@ -64,6 +73,7 @@ class PadNodeSettings(Table, frozen=True):
     """The socket on which its agent tells (``local_reports`` of ``pad.toml``)."""
     map_frame: FrameName = "map"
     """The frame in which the pad’s own frame stands."""
+    open_rmf: OpenRmfSettings | None = None
 
     @property
     def node(self) -> str:
