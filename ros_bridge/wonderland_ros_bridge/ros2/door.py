@@ -158,7 +158,7 @@ def broken_off(door: str, session: Session, event: CommittedEvent) -> Message | 
 
 def _alert(door: str, title: str, why: str, *, tier: int, session_id: str, **parameters: str) -> Message:
     return {
-        "id": f"wonderland/{session_id}/{parameters['outcome']}",
+        "id": f"wonderland-{session_id}-{parameters['outcome']}",
         "title": f"{door}: {title}",
         "subtitle": f"{parameters['action']} of {parameters['uav_id']}",
         "message": why,
