@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from wonderland.proofs.honest import share_by
+from wonderland.proofs.differences import frames_needed
+from wonderland.proofs.honest import narrowed, share_by
 from wonderland.proofs.prospects import prospect
 from wonderland.proofs.records.policies import Policy
-from wonderland_edge_agent.commissioning.reach import HeightProspects, by_distance, middle, reach
+from wonderland_edge_agent.commissioning.reach import HeightProspects, TimedProspects, by_distance, middle, reach
 from wonderland_edge_agent.commissioning.survey_files import NOWHERE
 from wonderland_research.attack_lab.attacks.height import still_at
 from wonderland_research.attack_lab.judge import verdict_of
@@ -56,3 +59,23 @@ def test_where_heights_are_said_to_be_proved_they_are():
 
     assert proved(found.everywhere_m) >= 0.85
     assert proved(2.5 * found.everywhere_m) < 0.85
+
+
+def test_what_a_wider_buffer_cannot_settle_no_narrower_one_is_asked_for():
+    """Out to where nothing is settled any more: frames by buffer, each found by itself."""
+    anchors = (replace(each, clock_offset_mm=0, clock_sigma_mm=7) for each in SQUARE.commissioning.anchors)
+    record = replace(SQUARE.commissioning, anchors=tuple(anchors), timestamp_sigma_mm=30)
+    policies = [Policy(buffer_mm=buffer_mm) for buffer_mm in (500, 2_000, 5_000)]
+    prospects = TimedProspects(record, policies, 3.0)
+    settled = set()
+    for distance_m in (1.0, 4.0, 7.0, 10.0, 14.0, 25.0):
+        place = (distance_m * 600, distance_m * 800, 3_000)
+        frames = [frames_needed(record, narrowed(policy), *place) for policy in policies]
+        expected = [
+            max(each, policy.min_rounds) if 0 < each <= policy.max_rounds else -1
+            for each, policy in zip(frames, policies, strict=True)
+        ]
+        assert list(prospects.rounds(distance_m * 0.6, distance_m * 0.8)) == expected, distance_m
+        settled.add(sum(each > 0 for each in expected))
+    assert {0, 3} <= settled
+    assert settled & {1, 2}, "a narrow buffer that is not settled beside a wide one that is"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import re
 import subprocess
@@ -128,9 +129,13 @@ def install(wheels, tmp_path_factory):
     return install
 
 
+# Every file that is installed is looked at for it: a sixth of a second.
+_owners = functools.cache(metadata.packages_distributions)
+
+
 def _link(distribution, site):
     """Its files, whole folders where they are its own alone."""
-    owners = metadata.packages_distributions()
+    owners = _owners()
     mine = canonicalize_name(distribution.metadata["Name"])
     for file in distribution.files or ():
         top = file.parts[0]

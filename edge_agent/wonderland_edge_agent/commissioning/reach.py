@@ -152,10 +152,14 @@ class TimedProspects(Prospects):
     def rounds(self, east_m: float, north_m: float) -> tuple[int, ...]:
         """Frames for each policy; -1 where none, or more than the policy allows, settle it."""
         place = (east_m * 1000, north_m * 1000, self._up_mm)
-        asked = [narrowed(policy) for policy in self.policies]
-        found = [frames_needed(self._commissioning, policy, *place) for policy in asked]
+        found: list[int] = []
+        for policy in reversed(self.policies):
+            # What a wider buffer cannot settle no narrower one can.
+            lost = bool(found) and found[-1] <= 0
+            found.append(-1 if lost else frames_needed(self._commissioning, narrowed(policy), *place))
         return tuple(
-            _allowed(frames if frames > 0 else -1, policy) for frames, policy in zip(found, self.policies, strict=True)
+            _allowed(frames if frames > 0 else -1, policy)
+            for frames, policy in zip(reversed(found), self.policies, strict=True)
         )
 
 
