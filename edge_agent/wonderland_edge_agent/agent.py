@@ -246,7 +246,7 @@ class PadAgent:
             case "PadCommissioned" | "PadRetired":
                 self._own.changed()
                 self._care.set()
-            case "ProofRequested" | "PrecedenceGiven" | "DepartureRecorded":
+            case "ProofRequested" | "PrecedenceGiven" | "DepartureRecorded" | "PadReserved" | "ReservationCancelled":
                 pass
             case _:
                 self._ended_elsewhere(event)

@@ -26,6 +26,8 @@ NAMES: Final = frozenset(
         "InteractionCompleted",
         "PrecedenceGiven",
         "DepartureRecorded",
+        "PadReserved",
+        "ReservationCancelled",
         "PadCommissioned",
         "PadRetired",
     }

@@ -14,12 +14,13 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from wonderland.proof_contract import AwayError, Committed, RefusedError
 from wonderland.proofs.queue import EMERGENCY, Place, Queue
-from wonderland.proofs.queue_book import QueueBook
+from wonderland.proofs.queue_book import RESERVATION_EVENTS, QueueBook
 from wonderland_edge_agent.admission import MIN_SESSION_MS
 from wonderland_edge_agent.spool import SpoolError
 
 if TYPE_CHECKING:
     from wonderland.clock import Clock
+    from wonderland.proofs.records.reservations import Reservations
     from wonderland.proofs.records.sessions import Session
     from wonderland.proofs.records.verdicts import Verdict
     from wonderland_edge_agent.spool import Spool
@@ -43,6 +44,10 @@ class QueueLedger(Protocol):
     async def read_verdict(self, session_id: str) -> Verdict | None:
         """Its verdict, if there is one."""
 
+    async def read_reservations(self, pad_id: str) -> Reservations:
+        """For whom the pad is kept."""
+        ...
+
     async def give_precedence(self, session_id: str, reason: str) -> tuple[Session, Committed]:
         """Put a waiting request before all others."""
         ...
@@ -63,8 +68,22 @@ class Waiting:
     async def restore(self, begun: frozenset[str]) -> None:
         """Take up the queue of before a restart; ``begun``: sessions that were being served then."""
         self._begun |= begun
+        await self._read_reservations()
         for session_id in await self._noted_ids():
             await self._read(session_id)
+
+    async def _read_reservations(self) -> None:
+        while True:
+            try:
+                self._book.reserved(await self._ledger.read_reservations(self._book.pad_id))
+            except RefusedError as error:
+                _log.warning("for whom the pad is kept is not known: %s", error)
+                return
+            except AwayError as error:
+                _log.warning("the queue waits for the ledger: %s", error)
+                await asyncio.sleep(AGAIN_S)
+            else:
+                return
 
     async def _noted_ids(self) -> list[str]:
         try:
@@ -102,6 +121,8 @@ class Waiting:
             session_id = record.get("session_id")
             if isinstance(session_id, str):
                 await self._read(session_id)
+        elif name in RESERVATION_EVENTS:
+            await self._read_reservations()
         else:
             self._book.take(name, record)
         await self._note()
@@ -182,5 +203,7 @@ class Waiting:
 
 def _why(place: Place, number: int, waiting: int) -> str:
     """For the drone's operator, who reads it in the session."""
-    reason = f"{place.blocked_by} is on the pad" if place.blocked_by else "others go first"
+    reason = "others go first"
+    if place.blocked_by:
+        reason = f"the pad is kept for {place.blocked_by}" if place.kept else f"{place.blocked_by} is on the pad"
     return f"{reason}; number {number} of {waiting}, {round(place.at_most_ms / 60_000)} min at most"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import sys
+from asyncio.subprocess import PIPE
 
 from kit.agents import decided
 
@@ -115,6 +117,68 @@ async def test_an_emergency_passes_who_came_earlier_and_the_override_is_on_recor
     passed = await contract.read_session(calm.session_id)
     assert passed.precedence is None
     assert passed.ended_ms is None or passed.ended_ms > stored.ended_ms
+
+
+async def test_a_pad_is_kept_for_who_reserved_it_and_then_free_after_a_restart_too(world):
+    await world.second_uav()
+    await world.policy(reservation_ms=600_000, session_ttl_ms=30_000)
+    now_ms = world.clock()
+    span = {"from_ms": now_ms + 30_000, "until_ms": now_ms + 600_000}
+    async with world.uav() as first, world.uav(name="uav-2") as second:
+        async with world.pad():
+            kept = await world.call("fleet_operator", "ReservePad", pad_id="pad-1", uav_id="uav-1", **span)
+            assert [each["uav_id"] for each in kept["reservations"]] == ["uav-1"]
+            waiting = asyncio.create_task(decided(second))
+            await sessions_of(world, "uav-2")
+            await asyncio.sleep(1)
+        async with world.pad() as pad:
+            await asyncio.sleep(1)
+            assert not waiting.done()
+            assert pad.status()["queue"] == {"on_pad": "", "waiting": ["uav-2"]}
+            assert (await decided(first)).end == "done"
+            async with asyncio.timeout(20):
+                assert (await waiting).end == "done"
+    assert [verdict.uav_id for verdict in world.acted] == ["uav-1", "uav-2"]
+
+
+async def test_a_cancelled_reservation_keeps_nobody_waiting(world):
+    await world.second_uav()
+    await world.policy(reservation_ms=600_000)
+    now_ms = world.clock()
+    made = await world.call(
+        "uav", "ReservePad", pad_id="pad-1", uav_id="uav-1", from_ms=now_ms, until_ms=now_ms + 600_000
+    )
+    async with world.pad(), world.uav(name="uav-2") as second:
+        waiting = asyncio.create_task(decided(second))
+        await sessions_of(world, "uav-2")
+        await asyncio.sleep(1)
+        assert not waiting.done()
+        (its,) = made["reservations"]
+        await world.call(
+            "pad_operator", "CancelReservation", pad_id="pad-1", reservation_id=its["reservation_id"], note="works"
+        )
+        async with asyncio.timeout(20):
+            assert (await waiting).end == "done"
+
+
+async def test_the_command_reserves_says_for_whom_and_gives_up(world):
+    await world.policy(reservation_ms=600_000)
+
+    async def run(*arguments):
+        command = [sys.executable, "-m", "wonderland.cli", "uav", "reserve", "--pad", "pad-1"]
+        command += ["--connection", str(world.directory / "ledger" / "connection.json"), *arguments]
+        started = await asyncio.create_subprocess_exec(*command, stdout=PIPE, stderr=PIPE)
+        out, err = await asyncio.wait_for(started.communicate(), 30)
+        return started.returncode, (out + err).decode()
+
+    assert await run() == (0, "pad-1 is kept for nobody\n")
+    code, text = await run("--in", "5", "--minutes", "10")
+    assert (code, "  uav-1  (by " in text) == (0, True), text
+    code, text = await run("--in", "8")
+    assert (code, "RESERVATION_TOO_LONG" in text) == (1, True), text
+    code, text = await run("--in", "8", "--minutes", "5")
+    assert (code, "PAD_RESERVED" in text) == (1, True), text
+    assert await run("--give-up") == (0, "pad-1 is kept for nobody\n")
 
 
 async def test_a_pad_that_starts_again_takes_up_who_waited(world):

@@ -15,6 +15,7 @@ from kit.facts import Facts
 
 from wonderland.proofs import encoding
 from wonderland.proofs.records import keys, policies
+from wonderland.proofs.records.reservations import Reservation, Reservations
 from wonderland.proofs.records.sessions import Departure
 
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -62,7 +63,7 @@ def landed(record):
 @pytest.fixture
 async def queueing(new_backend, chain, source_of, clock):
     """uav-1 stands on pad-1; uav-2 waits for it, uav-3 with an emergency after it; uav-4 waits at another pad."""
-    clock.now = NOW_MS
+    clock.now_ms = NOW_MS
     facts = Facts()
     drones = [facts.put_uav(f"uav-{each}") for each in (1, 2, 3, 4)]
     chain.add(facts.put_pad(), facts.put_pad("pad-2", commissioned=False), *drones)
@@ -126,3 +127,42 @@ async def test_what_nobody_counted_as_valid_moves_nobody(queueing, chain):
     await queueing.mirrored(chain.height)
     queue = await queueing.json("/pads/pad-1/queue")
     assert [each["uav_id"] for each in queue["waiting"]] == ["uav-3", "uav-2"]
+
+
+def keeps(pad_id="pad-1", *spans):
+    """The reservations of a pad, as the contract writes them: (drone, from, until) each."""
+    who = {"msp_id": "FleetMSP", "reserved_by": "Ada", "reserved_ms": NOW_MS}
+    made = tuple(
+        Reservation(reservation_id=number("reservation", uav_id), uav_id=uav_id, from_ms=begin, until_ms=end, **who)
+        for uav_id, begin, end in spans
+    )
+    record = Reservations(pad_id=pad_id, reservations=made)
+    event = ("PadReserved", encoding.encode({"kind": "PadReserved", "record": record.to_json()}))
+    writes = {keys.composite(keys.RESERVATIONS, pad_id): record.encode()}
+    return Tx("ReservePad", {"pad_id": pad_id}, writes, event, t_ms=NOW_MS)
+
+
+@both
+async def test_a_reservation_keeps_others_waiting_and_is_on_the_map(queueing, chain, new_backend, source_of):
+    spans = [("uav-9", NOW_MS, NOW_MS + 600_000), ("uav-8", NOW_MS - 9_000, NOW_MS - 1)]
+    async with queueing.live() as socket:
+        await pads_told(socket, "snapshot")
+        chain.add(keeps("pad-2", *spans))
+        told = (await pads_told(socket, "delta"))["pad-2"]
+        conforms("Pad", told)
+    assert told["queue"]["reservation"]["uav_id"] == "uav-9"
+    queue = await queueing.json("/pads/pad-2/queue")
+    conforms("PadQueue", queue)
+    assert [each["uav_id"] for each in queue["reservations"]] == ["uav-9"]
+    assert [(each["uav_id"], each["blocked_by"], each["kept"]) for each in queue["waiting"]] == [
+        ("uav-4", "uav-9", True)
+    ]
+    # Taken: nobody waits for it, and a backend that starts anew knows no more of it.
+    chain.add(keeps("pad-2"))
+    await queueing.mirrored(chain.height)
+    queue = await queueing.json("/pads/pad-2/queue")
+    assert (queue["reservations"], "blocked_by" in queue["waiting"][0]) == ([], False)
+    chain.add(keeps("pad-2", *spans))
+    await queueing.mirrored(chain.height)
+    async with serving(new_backend(source_of(chain))) as again, again.live() as socket:
+        assert (await pads_told(socket, "snapshot"))["pad-2"]["queue"]["reservation"]["uav_id"] == "uav-9"

@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from kit.proof_world import World
 
-from wonderland.proofs.queue import CLAIMS_PER_HOUR, HOUR_MS, queue_of
+from wonderland.proofs.queue import CLAIMS_PER_HOUR, COMPLETION_MS, HOUR_MS, queue_of
 from wonderland.proofs.queue_book import QueueBook
+from wonderland.proofs.records.reservations import Reservation
 from wonderland.proofs.records.sessions import Departure, Party, Precedence
 
 NOW = World().start_ms + 5_000
@@ -30,8 +31,14 @@ def lands(number, **more):
     return asks(number, **({"state": "completed", "end": "done", "ended_ms": NOW - 500, "ended_by": "uav"} | more))
 
 
-def order(sessions, now_ms=NOW, permitted=()):
-    return [int(place.session.session_id, 16) for place in queue_of(sessions, permitted, now_ms).places]
+def kept(uav_id="uav-9", from_ms=NOW, until_ms=NOW + 600_000, msp="FleetMSP"):
+    who = {"uav_id": uav_id, "msp_id": msp, "reserved_by": "Ada", "reserved_ms": NOW}
+    return Reservation(reservation_id="a" * 64, from_ms=from_ms, until_ms=until_ms, **who)
+
+
+def order(sessions, now_ms=NOW, permitted=(), reservations=()):
+    queue = queue_of(sessions, permitted, now_ms, reservations)
+    return [int(place.session.session_id, 16) for place in queue.places]
 
 
 def test_as_they_came_whatever_their_clocks_say():
@@ -112,6 +119,57 @@ def test_a_permission_has_the_pad_to_itself_until_it_lapses():
     assert queue_of([granted, asks(2)], (), NOW).places[0].blocked_by == ""
     later = replace(asks(2), expires_ms=NOW + 100_000)
     assert queue_of([granted, later], {sid}, NOW + 61_500).places[0].blocked_by == ""
+
+
+def test_a_reservation_goes_before_all_but_emergencies_and_keeps_landings_waiting():
+    waiting = [
+        asks(1),
+        asks(2, priority="low_battery", battery_percent=9),
+        asks(3, priority="emergency"),
+        asks(4, action="takeoff"),
+        asks(9),
+    ]
+    queue = queue_of(waiting, (), NOW, [kept()])
+    assert [int(place.session.session_id, 16) for place in queue.places] == [3, 9, 2, 1, 4]
+    assert [place.rank for place in queue.places] == ["emergency", "reserved", "low_battery", "normal", "normal"]
+    assert [(place.blocked_by, place.kept) for place in queue.places] == [
+        ("", False),
+        ("", False),
+        ("uav-9", True),
+        ("uav-9", True),
+        ("", False),
+    ]
+    assert queue.places[2].at_most_ms >= 600_000
+
+
+def test_a_pad_is_kept_from_so_long_before_that_who_is_served_then_is_done():
+    one = asks(1)
+    before_ms = one.policy.session_ttl_ms + COMPLETION_MS
+
+    def blocked(from_ms, **more):
+        return queue_of([one], (), NOW, [kept(from_ms=from_ms, **more)]).places[0].blocked_by
+
+    assert blocked(NOW + before_ms) == "uav-9"
+    assert blocked(NOW + before_ms + 1) == ""
+    assert blocked(NOW - 600_000, until_ms=NOW) == ""
+    assert blocked(NOW, uav_id="uav-1") == "", "it is its own"
+    assert queue_of([one], (), NOW, [kept(from_ms=NOW - 9, until_ms=NOW)]).reservations == ()
+
+
+def test_a_reservation_is_used_up_by_its_drones_landing_and_by_nothing_else():
+    def blocked(session):
+        return queue_of([session, asks(2)], (), NOW, [kept(from_ms=NOW - 60_000)]).places[0].blocked_by
+
+    free = {"uav_id": "uav-9", "occupied_ms": None}
+    assert blocked(lands(1, **free)) == ""
+    assert blocked(lands(1, **free, end="aborted")) == "uav-9"
+    assert blocked(lands(1, **free, action="takeoff")) == "uav-9"
+    assert blocked(lands(1, **free, ended_ms=NOW - 600_000)) == "uav-9", "long before"
+    assert blocked(lands(1, uav_id="uav-8", occupied_ms=None)) == "uav-9"
+
+
+def test_a_reservation_is_its_organisations_drones():
+    assert queue_of([asks(9, msp="OtherMSP")], (), NOW, [kept()]).places[0].rank == "normal"
 
 
 @given(st.integers(0, 2**32))

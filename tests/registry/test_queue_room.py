@@ -13,6 +13,7 @@ from wonderland.proofs.records.policies import Policy
 
 KEPT = {
     "occupied_ms": 3_600_000,
+    "reservation_ms": 3_600_000,
     "session_ttl_ms": 120_000,
     "require_authorisation": False,
     "require_maintenance": False,
@@ -108,3 +109,16 @@ def test_the_map_says_who_has_the_pad_and_how_many_wait(page):
     page.get_by_role("button", name="Pads 2").click()
     pads = page.get_by_role("list", name="Pads")
     expect(pads).to_contain_text("never heard from · uav-1 stands on it, 2 wait")
+
+
+def test_a_pad_is_reserved_and_the_reservation_cancelled(page):
+    card = page.get_by_role("region", name="Queue")
+    card.get_by_role("link", name="Reserve").click()
+    page.get_by_label("Serial number").fill("uav-1")
+    sign(page)
+    kept = card.get_by_role("list", name="Reservations").get_by_role("listitem")
+    expect(kept).to_have_count(1)
+    expect(kept).to_contain_text("uav-1, ")
+    kept.get_by_role("link", name="Cancel").click()
+    sign(page)
+    expect(kept).to_have_count(0)

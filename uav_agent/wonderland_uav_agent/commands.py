@@ -15,6 +15,10 @@ from wonderland.lazy_commands import LazyGroup
             "Be ranged by a pad whose operator calibrates this drone's node.",
         ),
         "prove": ("wonderland_uav_agent.agent_commands:prove", "Prove where the drone is."),
+        "reserve": (
+            "wonderland_uav_agent.reserve_command:reserve",
+            "Have a pad kept for this drone's landing, or see for whom it is kept.",
+        ),
         "serve": (
             "wonderland_uav_agent.agent_commands:serve",
             "Stay, and prove where the drone is when the authority or its operator asks.",

@@ -33,17 +33,20 @@ def _defaults(context: click.Context, _: click.Parameter, path: Path | None) -> 
     context.meta[_FLIGHT] = settings.flight
 
 
+from_config = click.option(
+    "--config",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    is_eager=True,
+    expose_value=False,
+    callback=_defaults,
+    help="uav.toml: what is not said here is taken from it.",
+)
+
+
 def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
     """The options that say which drone this is, and what it has."""
     options = (
-        click.option(
-            "--config",
-            type=click.Path(exists=True, dir_okay=False, path_type=Path),
-            is_eager=True,
-            expose_value=False,
-            callback=_defaults,
-            help="uav.toml: what is not said here is taken from it.",
-        ),
+        from_config,
         click.option(
             "--connection", required=True, type=click.Path(path_type=Path), help="connection.json of the ledger."
         ),

@@ -78,6 +78,8 @@ Act = Literal[
     "WithdrawChange",
     "GivePrecedence",
     "RecordDeparture",
+    "ReservePad",
+    "CancelReservation",
     "CancelProof",
     "restore_database",
     # What was refused (401, 403, 413, 422, 429).

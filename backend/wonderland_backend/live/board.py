@@ -6,6 +6,7 @@ kept as JSON.
 
 from __future__ import annotations
 
+import contextlib
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,13 +18,22 @@ from sqlalchemy.ext.asyncio import AsyncSession
 from wonderland.proofs.errors import ProofError
 from wonderland.proofs.queue import LONGEST_MS
 from wonderland.proofs.queue_book import QueueBook
+from wonderland.proofs.records.reservations import Reservations
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import OUTCOMES
 from wonderland_backend.alerts import store as alerts
 from wonderland_backend.context import part
 from wonderland_backend.live.queries import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
 from wonderland_backend.mirror.derive import Changes
-from wonderland_backend.mirror.rows import DroneWrite, EvidenceWrite, PadWrite, SessionWrite, VerdictWrite, outline_of
+from wonderland_backend.mirror.rows import (
+    DroneWrite,
+    EvidenceWrite,
+    PadWrite,
+    ReservationsWrite,
+    SessionWrite,
+    VerdictWrite,
+    outline_of,
+)
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.pads import queries as pads
 from wonderland_backend.pads.queue import summary
@@ -106,6 +116,8 @@ class Board:
         sessions, permitted = contents.queueing
         for session in sessions:
             self._book_of(session.pad_id).put(session)
+        for pad_id, kept in contents.reservations.items():
+            self._book_of(pad_id).reserved(kept)
         for book in self._queues.values():
             for session_id in permitted:
                 book.permitted(session_id)
@@ -129,6 +141,8 @@ class Board:
         for session in changes.session_writes:
             self._put_session(session, decided.get(session.session_id), steps.get(session.session_id))
             self._queue(session, decided.get(session.session_id))
+        for row in changes.rows(ReservationsWrite).values():
+            self._kept(row)
         self._forget_sessions()
         for verdict in changes.verdict_writes:
             shown = record(verdict.record, tx_id=verdict.tx_id, block=verdict.block, tx_index=verdict.tx_index)
@@ -300,6 +314,11 @@ class Board:
         if verdict is not None and verdict.permission == "granted":
             book.permitted(row.session_id)
         self._changed_pads.add(row.pad_id)
+
+    def _kept(self, row: ReservationsWrite) -> None:
+        with contextlib.suppress(ProofError):  # of a later contract
+            self._book_of(row.pad_id).reserved(Reservations.decode(row.record))
+            self._changed_pads.add(row.pad_id)
 
     def _forget_sessions(self) -> None:
         """Keep the recent ones, and of the older ones those that are not over, as long as they can still go on."""

@@ -8,6 +8,7 @@ from typing import Any, Final
 from sqlalchemy import func, select
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wonderland.proofs.records.reservations import Reservations
 from wonderland.proofs.records.sessions import Session
 from wonderland_backend.alerts import store as alerts
 from wonderland_backend.db.tables.ledger import DroneRow, PadRow, SessionRow, VerdictRow
@@ -41,6 +42,8 @@ class Contents:
     alerts: list[dict[str, Any]] = field(default_factory=list)
     queueing: tuple[list[Session], frozenset[str]] = ([], frozenset())
     """What pads' queues depend on: sessions in the order of their requests, and the ids of those that are permitted."""
+    reservations: dict[str, Reservations] = field(default_factory=dict)
+    """By pad."""
     counts: dict[str, int] = field(default_factory=dict)
     """Of sessions, and of verdicts by outcome."""
 
@@ -63,6 +66,7 @@ async def contents_now(database: AsyncSession, now_ms: int) -> Contents:
     found.verdicts = [verdicts.verdict_json(row) for row in reversed(newest)]
     found.alerts = [alerts.alert_json(row) for row in await alerts.current(database)]
     found.queueing = await pads.queueing(database, now_ms)
+    found.reservations = await pads.reservations(database)
     found.counts["sessions"] = (await database.execute(select(func.count()).select_from(SessionRow))).scalar_one()
     outcomes = select(VerdictRow.outcome, func.count()).group_by(VerdictRow.outcome)
     for outcome, count in await database.execute(outcomes):

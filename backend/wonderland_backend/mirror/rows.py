@@ -244,6 +244,14 @@ class ClosuresWrite(RecordRow):
     valid_until_ms: Number
 
 
+class ReservationsWrite(RecordRow):
+    """For whom a pad is kept, and when."""
+
+    table: ClassVar[Table] = tables.ReservationsRow
+    names: ClassVar[Key] = ("pad_id",)
+    pad_id: Identifier
+
+
 class SessionWrite(RecordRow):
     """A state of a session."""
 
@@ -324,6 +332,7 @@ RECORDS: Final[dict[str, type[RecordRow]]] = {
     keys.POLICY: PolicyWrite,
     keys.CHANGE: ChangeWrite,
     keys.CLOSURES: ClosuresWrite,
+    keys.RESERVATIONS: ReservationsWrite,
     keys.SESSION: SessionWrite,
     keys.VERDICT: VerdictWrite,
     keys.ASSET: AssetWrite,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, Final
@@ -15,8 +16,9 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.queue import ENTER, HOUR_MS
 from wonderland.proofs.records.pads import Pad
+from wonderland.proofs.records.reservations import Reservations
 from wonderland.proofs.records.sessions import Session
-from wonderland_backend.db.tables.ledger import PadRow, SessionRow, TransactionRow, VerdictRow
+from wonderland_backend.db.tables.ledger import PadRow, ReservationsRow, SessionRow, TransactionRow, VerdictRow
 from wonderland_backend.db.tables.reported import HealthRow, StepRow
 from wonderland_backend.narrowing import field
 from wonderland_backend.person import Scope
@@ -89,6 +91,18 @@ async def health_of(database: AsyncSession, pad_ids: Sequence[str]) -> dict[str,
     """The last health reports of these pads, as JSON texts."""
     query = select(HealthRow).where(HealthRow.agent == "pad", HealthRow.agent_id.in_(pad_ids))
     return {row.agent_id: row.body for row in await database.scalars(query)}
+
+
+async def reservations(database: AsyncSession, pad_id: str | None = None) -> dict[str, Reservations]:
+    """For whom a pad (or each pad) is kept, by pad."""
+    query = select(ReservationsRow.pad_id, ReservationsRow.record)
+    if pad_id is not None:
+        query = query.where(ReservationsRow.pad_id == pad_id)
+    found: dict[str, Reservations] = {}
+    for its_pad, text in await database.execute(query):
+        with contextlib.suppress(ProofError):  # of a later contract
+            found[its_pad] = Reservations.decode(text)
+    return found
 
 
 async def queueing(

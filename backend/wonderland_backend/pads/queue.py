@@ -13,7 +13,8 @@ from wonderland_backend.pads import queries
 async def read_queue(database: AsyncSession, pad_id: str, now_ms: int) -> dict[str, Any]:
     """The queue of a pad at a moment, as JSON."""
     sessions, permitted = await queries.queueing(database, now_ms, pad_id)
-    queue = queue_of(sessions, permitted, now_ms)
+    kept = (await queries.reservations(database, pad_id)).get(pad_id)
+    queue = queue_of(sessions, permitted, now_ms, () if kept is None else kept.reservations)
     served = await queries.being_measured(database, [place.session.session_id for place in queue.places])
     return _queue_json(pad_id, now_ms, queue, served)
 
@@ -23,6 +24,7 @@ def _queue_json(pad_id: str, now_ms: int, queue: Queue, served: set[str]) -> dic
         "pad_id": pad_id,
         "t_ms": now_ms,
         "waiting": [_place(place, number, served) for number, place in enumerate(queue.places, 1)],
+        "reservations": [each.to_json() for each in queue.reservations],
     }
     if queue.occupant is not None:
         found["occupant"] = _occupant(queue.occupant)
@@ -57,6 +59,7 @@ def _place(place: Place, number: int, served: set[str]) -> dict[str, Any]:
     }
     if place.blocked_by:
         found["blocked_by"] = place.blocked_by
+        found["kept"] = place.kept
     for name in ("priority", "battery_percent"):
         value = getattr(session, name)
         if value is not None:
@@ -67,10 +70,12 @@ def _place(place: Place, number: int, served: set[str]) -> dict[str, Any]:
 
 
 def summary(queue: Queue) -> dict[str, Any] | None:
-    """A queue on the live map: who has the pad, how many wait; None where nobody does either."""
-    if queue.occupant is None and not queue.places:
+    """A queue on the live map: who has the pad, how many wait, for whom it is kept next; None where nobody does."""
+    if queue.occupant is None and not queue.places and not queue.reservations:
         return None
     found: dict[str, Any] = {"waiting": len(queue.places)}
     if queue.occupant is not None:
         found["occupant"] = _occupant(queue.occupant)
+    if queue.reservations:
+        found["reservation"] = queue.reservations[0].to_json()
     return found

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from wonderland.proofs.records import pads
+from wonderland.proofs.records import pads, reservations
 from wonderland_backend.schemas import ApiModel, extended, page_of
 
 
@@ -84,11 +84,17 @@ class QueueOccupant(ApiModel):
     until_ms: int = Field(description="Until then at most, if nothing is heard of it")
 
 
+Reservation = extended("Reservation", reservations.Reservation, "A span of time in which a pad is kept for a drone.")
+
+
 class QueueSummary(ApiModel):
     """A pad's queue on the live map; `/pads/{pad_id}/queue` tells all of it."""
 
     waiting: int
     occupant: QueueOccupant | None = None
+    reservation: Reservation | None = Field(  # type: ignore[valid-type]
+        default=None, description="The one that holds, or the next one, as of the pad’s last change"
+    )
 
 
 Pad = extended(
@@ -119,14 +125,17 @@ class QueuePlace(ApiModel):
     uav_id: str
     msp_id: str
     action: Literal["land", "takeoff", "dock"]
-    rank: Literal["leaves", "precedence", "emergency", "low_battery", "normal"] = Field(
-        description="Why it stands where it does: leaves the pad, was put first, signed a priority, as it came"
+    rank: Literal["leaves", "precedence", "emergency", "reserved", "low_battery", "normal"] = Field(
+        description="Why it stands there: leaves the pad, was put first, reserved, signed a priority, as it came"
     )
     being_measured: bool = Field(description="It is its turn already, as the pad’s agent says")
     since_ms: int = Field(description="It waits since then; who asks again in time keeps its place")
     at_most_ms: int = Field(description="Until its turn, if nobody comes who goes first")
     claim_ignored: bool = Field(description="It signed a priority; its organisation had used up those that count")
-    blocked_by: str | None = Field(default=None, description="The drone that has to leave the pad first")
+    blocked_by: str | None = Field(
+        default=None, description="The drone that has to leave the pad first, or that it is kept for"
+    )
+    kept: bool | None = Field(default=None, description="A reservation of `blocked_by` is what it waits for")
     priority: Literal["low_battery", "emergency"] | None = Field(default=None, description="As it signed it")
     battery_percent: int | None = Field(default=None, description="By its own word")
     precedence: PutFirst | None = None
@@ -139,3 +148,6 @@ class PadQueue(ApiModel):
     t_ms: int = Field(description="The moment that it is of")
     occupant: QueueOccupant | None = None
     waiting: list[QueuePlace]
+    reservations: list[Reservation] = Field(  # type: ignore[valid-type]
+        description="Those that hold or are to come and are not used up, by their beginning"
+    )

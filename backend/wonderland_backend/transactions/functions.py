@@ -70,6 +70,10 @@ def _of_session(function: str) -> Change:
     )
 
 
+def _of_reservations(function: str) -> Change:
+    return Change(function, lambda its: f"pad/{its.pad_id}", lambda its: keys.composite(keys.RESERVATIONS, its.pad_id))
+
+
 def _of_proposal(function: str) -> Change:
     return Change(
         function, lambda its: f"change/{its.change_id}", lambda its: keys.composite(keys.CHANGE, its.change_id)
@@ -86,6 +90,7 @@ CHANGES: Final = {
         ),
         *map(_of_authorisation, ("GrantAuthorisation", "RevokeAuthorisation")),
         *map(_of_session, ("GivePrecedence", "RecordDeparture", "CancelProof")),
+        *map(_of_reservations, ("ReservePad", "CancelReservation")),
         *map(_of_proposal, ("ApproveChange", "WithdrawChange")),
         Change(
             "ProposePolicy",

@@ -12,12 +12,15 @@ export const FEW_PREKEYS = 5;
 export type PadTone = "ok" | "maybe" | "bad";
 export type PadState = { tone: PadTone; text: string };
 
-/** Who has the pad and how many wait for it, in words; undefined where nobody does either. */
+/** Who has the pad, or for whom it is kept, and how many wait for it, in words; undefined where nobody does either. */
 export function inUse({ queue }: Pad, now_ms: number): string | undefined {
   if (queue === undefined) return undefined;
   const occupant = queue.occupant !== undefined && now_ms < queue.occupant.until_ms ? queue.occupant : undefined;
-  if (occupant === undefined && queue.waiting === 0) return undefined;
-  return t("inUse", { landed: occupant === undefined ? "nobody" : String(occupant.landed), uav: occupant?.uav_id ?? "", waiting: queue.waiting });
+  const next = queue.reservation;
+  const kept = occupant === undefined && next !== undefined && next.from_ms <= now_ms && now_ms < next.until_ms ? next : undefined;
+  if (occupant === undefined && kept === undefined && queue.waiting === 0) return undefined;
+  const by = occupant !== undefined ? String(occupant.landed) : kept !== undefined ? "kept" : "nobody";
+  return t("inUse", { landed: by, uav: (occupant ?? kept)?.uav_id ?? "", waiting: queue.waiting });
 }
 
 /** How a pad does, the gravest first, in words. What its agent says of itself is not from the ledger. */

@@ -72,6 +72,8 @@ const KNOWN: Record<Act, true> = {
   WithdrawChange: true,
   GivePrecedence: true,
   RecordDeparture: true,
+  ReservePad: true,
+  CancelReservation: true,
   CancelProof: true,
   restore_database: true,
   refused: true,

@@ -16,13 +16,19 @@ import { History } from "./History";
 import { registryHref, toRegistry } from "../shared/address/registryLinks";
 import { AnchorPlan, BiasPlot, ReachPlot, type Commissioning } from "./PadPlots";
 import { isAction, Policies, policyBefore } from "./Policies";
+import type { JsonObject } from "../shared/signing/canonical";
 import { QueueCard } from "./QueueCard";
 import { Status } from "./Status";
 import { registryTexts as t } from "./texts";
 
 const TOPICS: readonly Topic[] = ["pads"];
-/** Of one session in the pad's queue. */
-const QUEUE_FORMS = ["put-first", "departed", "turn-away"] as const;
+/** Of one session in the pad's queue, or of one reservation; a new one is of none. */
+const QUEUE_FORMS = ["put-first", "departed", "turn-away", "reserve", "cancel-reservation"] as const;
+
+function aboutQueued(form: (typeof QUEUE_FORMS)[number], pad_id: string, part: string): JsonObject {
+  if (form === "reserve") return { pad_id };
+  return form === "cancel-reservation" ? { pad_id, reservation_id: part } : { session_id: part };
+}
 const PAD_FORMS = ["edit-pad", "commission", "site-plan", "retire-pad"] as const;
 
 function Facts({ rows }: { rows: readonly (readonly [string, string])[] }): ReactElement {
@@ -150,9 +156,9 @@ export function PadPage({ pad_id, form, part }: { pad_id: string; form: string |
       {queued !== undefined && part !== undefined && (
         <section className="float card" aria-labelledby="queue-form">
           <h2 id="queue-form">
-            {t("form", { form: formKey(queued) })} <span className="quiet">· {part.slice(0, 12)}…</span>
+            {t("form", { form: formKey(queued) })} <span className="quiet">· {queued === "reserve" ? record.name : `${part.slice(0, 12)}…`}</span>
           </h2>
-          <ChangeForm key={`${queued} ${part}`} name={queued} about={{ session_id: part }} onDone={() => void fresh()} onCancel={back} />
+          <ChangeForm key={`${queued} ${part}`} name={queued} about={aboutQueued(queued, pad_id, part)} onDone={() => void fresh()} onCancel={back} />
         </section>
       )}
       {(chosen !== undefined || policy !== undefined) && (

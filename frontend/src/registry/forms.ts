@@ -21,6 +21,8 @@ export type FormName =
   | "put-first"
   | "departed"
   | "turn-away"
+  | "reserve"
+  | "cancel-reservation"
   | "policy";
 export type FormSpec = { transaction: string; fields: readonly FieldSpec[]; danger?: true };
 
@@ -86,6 +88,15 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
   "put-first": { transaction: "GivePrecedence", fields: [REASON] },
   departed: { transaction: "RecordDeparture", fields: [{ path: "note", kind: "note", wide: true, optional: true }] },
   "turn-away": { transaction: "CancelProof", fields: [{ path: "note", kind: "note", wide: true }], danger: true },
+  reserve: {
+    transaction: "ReservePad",
+    fields: [
+      { path: "uav_id", kind: "text" },
+      { path: "from_ms", kind: "time" },
+      { path: "until_ms", kind: "time" },
+    ],
+  },
+  "cancel-reservation": { transaction: "CancelReservation", fields: [{ path: "note", kind: "note", wide: true, optional: true }], danger: true },
   policy: {
     transaction: "ProposePolicy",
     fields: [
@@ -104,6 +115,7 @@ export const FORMS: Readonly<Record<FormName, FormSpec>> = {
       { path: "policy.broadcast_required", kind: "choice" },
       { path: "policy.witness_pad_id", kind: "text", optional: true },
       { path: "policy.occupied_ms", kind: "seconds", optional: true },
+      { path: "policy.reservation_ms", kind: "seconds", optional: true },
       { path: "policy.height_required", kind: "flag" },
       { path: "policy.require_authorisation", kind: "flag" },
       { path: "policy.require_maintenance", kind: "flag" },
@@ -142,6 +154,7 @@ export function initial(form: FormName, now_ms: number): Readonly<Record<string,
       authorisation_id: `a-${Math.floor(now_ms / 1000).toString(36)}`,
     };
   }
+  if (form === "reserve") return { from_ms: typedTime(now_ms + 30 * 60_000), until_ms: typedTime(now_ms + 45 * 60_000) };
   if (form === "maintenance") return { performed_ms: typedTime(now_ms), valid_until_ms: typedTime(now_ms + 365 * day_ms) };
   return {};
 }

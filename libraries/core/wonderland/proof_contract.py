@@ -21,6 +21,7 @@ from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.audit import AnchorAuditLog, AuditHead, AuditHeadsOf
 from wonderland.proofs.records.pads import Commissioning, OfferedPrekey, Pad, Prekey
 from wonderland.proofs.records.policies import Policy
+from wonderland.proofs.records.reservations import Reservations
 from wonderland.proofs.records.sessions import Evidence, Radio, Session, Testimony, TimeStamps
 from wonderland.proofs.records.uavs import Uav
 from wonderland.proofs.records.verdicts import Verdict
@@ -181,6 +182,20 @@ class ProofContract:
             "RecordDeparture", tx.RecordDeparture(session_id=session_id, note=_note(note)), _KNOWN
         )
         return parsed_answer(Session, answer), done
+
+    async def reserve(self, argument: tx.ReservePad) -> tuple[Reservations, Committed]:
+        """Have a pad kept for a drone."""
+        answer, done = await self._submit("ReservePad", argument)
+        return parsed_answer(Reservations, answer), done
+
+    async def cancel_reservation(self, argument: tx.CancelReservation) -> tuple[Reservations, Committed]:
+        """Give a reservation up."""
+        answer, done = await self._submit("CancelReservation", argument)
+        return parsed_answer(Reservations, answer), done
+
+    async def read_reservations(self, pad_id: str) -> Reservations:
+        """For whom a pad is kept, those that are over included."""
+        return parsed_answer(Reservations, await self._evaluate("ReadReservations", tx.PadById(pad_id=pad_id)))
 
     async def publish_prekeys(self, pad_id: str, prekeys: tuple[OfferedPrekey, ...]) -> Committed:
         """Offer one-time keys, each of which one session takes. Raises `LedgerError`."""

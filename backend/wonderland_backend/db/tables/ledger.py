@@ -171,6 +171,17 @@ class ClosuresRow(LedgerRow):
     tx_index: Mapped[int]
 
 
+class ReservationsRow(LedgerRow):
+    """For whom a pad is kept, and when."""
+
+    __tablename__ = "reservations"
+
+    pad_id: Mapped[str] = mapped_column(Identifier, primary_key=True)
+    record: Mapped[str]
+    block: Mapped[int]
+    tx_index: Mapped[int]
+
+
 class CertificateRow(LedgerRow):
     """A certificate that signed or endorsed a valid transaction, and where it did so last (`block`, `tx_index`)."""
 

@@ -547,6 +547,7 @@ class QueueSummary(TypedDict):
 
     waiting: int
     occupant: NotRequired[QueueOccupant]
+    reservation: NotRequired[Reservation]
 
 
 class Reason(TypedDict):
@@ -569,6 +570,18 @@ class RegistrationNumber(TypedDict):
     state: Literal["none", "here", "elsewhere", "altered"]
     number: NotRequired[str]
     held_by: NotRequired[str]
+
+
+class Reservation(TypedDict):
+    """A span of time in which a pad is kept for a drone."""
+
+    reservation_id: str
+    uav_id: str
+    msp_id: str
+    from_ms: int
+    until_ms: int
+    reserved_by: str
+    reserved_ms: int
 
 
 class SessionSignature(TypedDict):

@@ -5,7 +5,9 @@ the ledger (block, place in the block); nobody's list is believed, and no sender
 
 1. Who stands on the pad and asks to take off, for that is what frees it.
 2. Who was put first (``Session.precedence``).
-3. Emergencies, low batteries, all others. An organisation's claims count up to ``CLAIMS_PER_HOUR`` at a pad.
+3. Emergencies, whom the pad is reserved for, low batteries, all others. An organisation's claims count up to
+   ``CLAIMS_PER_HOUR`` at a pad. A reservation keeps low batteries waiting and all others, from so long before it
+   that who is served then is done, until its drone has landed or it is over.
 4. Among these in turn by organisation, so that many drones of one keep no drone of another waiting; then as they came.
 """
 
@@ -16,6 +18,7 @@ from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+from wonderland.proofs.records.reservations import Reservation
 from wonderland.proofs.records.sessions import Session
 
 CLAIMS_PER_HOUR: Final = 6
@@ -30,8 +33,9 @@ ENTER: Final = frozenset({"land", "dock"})
 COMPLETION_MS: Final = 62_000
 """A pad takes back a permission of which nothing was heard for so long, where the session does not live longer."""
 
-PRECEDENCE, EMERGENCY, LOW_BATTERY, NORMAL, LEAVES = "precedence", "emergency", "low_battery", "normal", "leaves"
-_RANKS: Final = {LEAVES: 0, PRECEDENCE: 1, EMERGENCY: 2, LOW_BATTERY: 3, NORMAL: 4}
+LEAVES, PRECEDENCE, EMERGENCY, RESERVED = "leaves", "precedence", "emergency", "reserved"
+LOW_BATTERY, NORMAL = "low_battery", "normal"
+_RANKS: Final = {LEAVES: 0, PRECEDENCE: 1, EMERGENCY: 2, RESERVED: 3, LOW_BATTERY: 4, NORMAL: 5}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,9 +62,11 @@ class Place:
     rank: str
     claim_ignored: bool
     blocked_by: str
-    """The drone on the pad that has to leave first; empty: none."""
+    """The drone on the pad that has to leave first, or that the pad is kept for; empty: none."""
     at_most_ms: int
     """Until its turn, if nobody comes who goes first."""
+    kept: bool = False
+    """Whether a reservation is what blocks it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +75,8 @@ class Queue:
 
     occupant: Occupant | None
     places: tuple[Place, ...]
+    reservations: tuple[Reservation, ...] = ()
+    """Those that are to come or hold, by their beginning."""
 
     def passed_over(self, session_id: str) -> int:
         """How many came before that request and are served after it."""
@@ -88,12 +96,18 @@ class _Root:
     precedence: bool
 
 
-def queue_of(sessions: Sequence[Session], permitted: Container[str], now_ms: int) -> Queue:
+def queue_of(
+    sessions: Sequence[Session],
+    permitted: Container[str],
+    now_ms: int,
+    reservations: Sequence[Reservation] = (),
+) -> Queue:
     """The queue of one pad.
 
     ``sessions``: in the order of their requests on the ledger, of the last hour, and who stands on the pad.
     ``permitted``: the ids of those whose verdict gives a permission.
     """
+    to_come = tuple(each for each in reservations if now_ms < each.until_ms and not _used(each, sessions))
     occupant = _permitted(sessions, permitted, now_ms) or _landed(sessions, now_ms)
     roots = _roots(sessions)
     counted = _counted(sessions, roots, now_ms)
@@ -101,7 +115,10 @@ def queue_of(sessions: Sequence[Session], permitted: Container[str], now_ms: int
     for session in sessions:
         if session.state == "requested" and now_ms < session.expires_ms:
             root = roots[session.session_id]
-            waiting.append((_rank(session, root, occupant, counted), root, session))
+            rank = _rank(session, root, occupant, counted)
+            if _RANKS[rank] > _RANKS[RESERVED] and any(_holds(each, session, now_ms) for each in to_come):
+                rank = RESERVED
+            waiting.append((rank, root, session))
     waiting.sort(key=lambda each: (_RANKS[each[0]], each[1].index))
     turns: Counter[tuple[str, str]] = Counter()
     keyed: list[tuple[int, int, int, str, _Root, Session]] = []
@@ -110,20 +127,48 @@ def queue_of(sessions: Sequence[Session], permitted: Container[str], now_ms: int
         turns[rank, session.uav.msp_id] += 1
         keyed.append((_RANKS[rank], turn, root.index, rank, root, session))
     keyed.sort(key=lambda each: each[:3])
-    until_ms = 0 if occupant is None else occupant.until_ms - now_ms
-    return Queue(occupant, tuple(_places(keyed, occupant, counted, until_ms)))
+    return Queue(occupant, tuple(_places(keyed, occupant, counted, to_come, now_ms)), to_come)
+
+
+def _served_ms(session: Session) -> int:
+    """How long a request can take the pad, from its turn to the landing."""
+    return session.policy.session_ttl_ms + COMPLETION_MS
+
+
+def _used(reservation: Reservation, sessions: Sequence[Session]) -> bool:
+    """Whether its drone has landed by it."""
+    return any(
+        session.uav_id == reservation.uav_id
+        and session.action in ENTER
+        and session.end == "done"
+        and (session.ended_ms or 0) >= reservation.from_ms - _served_ms(session)
+        for session in sessions
+    )
+
+
+def _near(reservation: Reservation, session: Session, now_ms: int) -> bool:
+    return session.action in ENTER and reservation.from_ms - _served_ms(session) <= now_ms < reservation.until_ms
+
+
+def _holds(reservation: Reservation, session: Session, now_ms: int) -> bool:
+    its = (reservation.uav_id, reservation.msp_id) == (session.uav_id, session.uav.msp_id)
+    return its and _near(reservation, session, now_ms)
 
 
 def _places(
     keyed: Iterable[tuple[int, int, int, str, _Root, Session]],
     occupant: Occupant | None,
     counted: frozenset[str],
-    until_ms: int,
+    to_come: Sequence[Reservation],
+    now_ms: int,
 ) -> Iterable[Place]:
     ahead_ms = 0
     for _, _, _, rank, root, session in keyed:
-        blocks = occupant is not None and occupant.keeps_out(session)
-        blocked_by = occupant.session.uav_id if occupant is not None and blocks else ""
+        blocked_by, until_ms, kept = "", now_ms, False
+        if occupant is not None and occupant.keeps_out(session):
+            blocked_by, until_ms = occupant.session.uav_id, occupant.until_ms
+        elif _RANKS[rank] > _RANKS[RESERVED] and (near := [each for each in to_come if _near(each, session, now_ms)]):
+            blocked_by, until_ms, kept = near[0].uav_id, max(each.until_ms for each in near), True
         yield Place(
             session=session,
             arrival=root.index,
@@ -131,10 +176,11 @@ def _places(
             rank=rank,
             claim_ignored=session.priority is not None and session.session_id not in counted,
             blocked_by=blocked_by,
-            at_most_ms=ahead_ms + (until_ms if blocks else 0),
+            at_most_ms=ahead_ms + until_ms - now_ms,
+            kept=kept,
         )
         stays_ms = session.policy.occupied_ms or 0 if session.action in ENTER else 0
-        ahead_ms += session.policy.session_ttl_ms + COMPLETION_MS + stays_ms
+        ahead_ms += _served_ms(session) + stays_ms
 
 
 def _permitted(sessions: Sequence[Session], permitted: Container[str], now_ms: int) -> Occupant | None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from wonderland.proofs.queue import HOUR_MS, Queue, queue_of
+from wonderland.proofs.records.reservations import Reservation, Reservations
 from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import Verdict
 
@@ -14,6 +15,7 @@ DECIDED: Final = "ProofDecided"
 EVENTS: Final = frozenset(
     {"ProofRequested", DECIDED, "ProofCancelled", "InteractionCompleted", "PrecedenceGiven", "DepartureRecorded"}
 )
+RESERVATION_EVENTS: Final = frozenset({"PadReserved", "ReservationCancelled"})
 _STAGE: Final = {"requested": 0, "decided": 1, "completed": 2, "cancelled": 2}
 
 
@@ -24,6 +26,7 @@ class QueueBook:
         self.pad_id: Final = pad_id
         self._sessions: dict[str, Session] = {}
         self._permitted: set[str] = set()
+        self._reservations: tuple[Reservation, ...] = ()
 
     @property
     def session_ids(self) -> tuple[str, ...]:
@@ -71,9 +74,13 @@ class QueueBook:
         if session_id in self._sessions:
             self._permitted.add(session_id)
 
+    def reserved(self, reservations: Reservations) -> None:
+        """For whom the pad is kept, as the ledger has it now."""
+        self._reservations = reservations.reservations
+
     def queue(self, now_ms: int) -> Queue:
         """As it is now; what it depends on no longer is forgotten."""
-        queue = queue_of(tuple(self._sessions.values()), self._permitted, now_ms)
+        queue = queue_of(tuple(self._sessions.values()), self._permitted, now_ms, self._reservations)
         keep = queue.occupant.session.session_id if queue.occupant is not None else ""
         for session in list(self._sessions.values()):
             old = now_ms - max(session.expires_ms, session.ended_ms or 0) > HOUR_MS

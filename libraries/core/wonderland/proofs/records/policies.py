@@ -7,6 +7,7 @@ from typing import Annotated
 
 from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records.fields import PadId, Ppm
+from wonderland.proofs.records.reservations import LONGEST_MS
 from wonderland.proofs.records.schema import Choice, Integer, Record
 
 MAX_BUFFER_MM = 100_000
@@ -59,6 +60,10 @@ class Policy(Record):
         | None
     ) = None
     """Left out: a landing that is completed leaves the pad free for the next one."""
+    reservation_ms: (
+        Annotated[int, Integer(60_000, LONGEST_MS, "The longest span of time that is reserved at once")] | None
+    ) = None
+    """Left out: the pad takes no reservations."""
 
     def validate(self, path: str) -> None:
         """Thresholds must leave room for a third outcome, and rounds for a look."""

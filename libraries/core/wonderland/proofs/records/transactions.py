@@ -34,6 +34,7 @@ from wonderland.proofs.records.fields import (
 from wonderland.proofs.records.landings import LandingCause
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.radios import NodeAbility
+from wonderland.proofs.records.reservations import ReservationId
 from wonderland.proofs.records.schema import Choice, Integer, Items, Record, Text
 
 ADMIN, INSPECTOR, MIRROR = "admin", "inspector", "mirror"
@@ -317,6 +318,33 @@ class RecordDeparture(Record):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ReservePad(Record):
+    """Keeps a pad for a drone's landing: by the drone, its operator, or the authority.
+
+    The pad's policy for landings says for how long at most (``reservation_ms``).
+    """
+
+    pad_id: PadId
+    uav_id: UavId
+    from_ms: TimeMs
+    until_ms: TimeMs
+
+    def validate(self, path: str) -> None:
+        """The span must not be empty."""
+        if self.until_ms <= self.from_ms:
+            raise RecordError(f"{path}.until_ms" if path else "until_ms", "must be after from_ms")
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class CancelReservation(Record):
+    """Gives a reservation up, or takes it: by the drone, its operator, the pad's operator, or the authority."""
+
+    pad_id: PadId
+    reservation_id: ReservationId
+    note: Note | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class CancelProof(Record):
     """Ends a session that will not be decided: a timeout, a loss, a refusal."""
 
@@ -445,6 +473,10 @@ TRANSACTIONS: Final = _all(
     Transaction("CancelProof", CancelProof, (PAD, UAV, PAD_OPERATOR, ADMIN), "ProofCancelled"),
     Transaction("GivePrecedence", GivePrecedence, (PAD, PAD_OPERATOR, ADMIN), "PrecedenceGiven"),
     Transaction("RecordDeparture", RecordDeparture, (PAD, PAD_OPERATOR, ADMIN), "DepartureRecorded"),
+    Transaction("ReservePad", ReservePad, (UAV, FLEET_OPERATOR, ADMIN), "PadReserved"),
+    Transaction(
+        "CancelReservation", CancelReservation, (UAV, FLEET_OPERATOR, PAD_OPERATOR, ADMIN), "ReservationCancelled"
+    ),
     Transaction("CreateAsset", CreateAsset, ROLES, "AssetCreated"),
     Transaction("UpdateAsset", UpdateAsset, ROLES, "AssetUpdated"),
     Transaction("DeleteAsset", AssetById, ROLES, "AssetDeleted"),
@@ -459,6 +491,7 @@ TRANSACTIONS: Final = _all(
     Transaction("ReadPolicy", PolicyFor, ROLES),
     Transaction("ReadChange", ChangeById, ROLES),
     Transaction("ReadClosures", PadById, ROLES),
+    Transaction("ReadReservations", PadById, ROLES),
     Transaction("ListPrekeys", PrekeysOf, ROLES),
     Transaction("ListAuditHeads", AuditHeadsOf, ROLES),
 )
