@@ -226,6 +226,9 @@ def _examples(scene):
     yield scene.uav, "ReportLanding", {"pad_id": "pad-1", "cause": "pilot", "claim": scene.claim()}
     yield scene.operator, "GivePrecedence", {"session_id": session["session_id"], "reason": "x"}
     yield scene.pad, "RecordDeparture", {"session_id": session["session_id"], "note": "x"}
+    span = {"from_ms": scene.now_ms, "until_ms": scene.now_ms + 60_000}
+    yield scene.uav, "ReservePad", {"pad_id": "pad-1", "uav_id": "1AB0000001"} | span
+    yield scene.operator, "CancelReservation", {"pad_id": "pad-1", "reservation_id": "0" * 64, "note": "x"}
     yield scene.uav, "CancelProof", {"session_id": session["session_id"], "reason": "x"}
     yield scene.uav, "CreateAsset", {"id": "a", "type": "t", "media_type": "a/b", "value": "v"}
 

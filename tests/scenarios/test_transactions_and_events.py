@@ -78,7 +78,7 @@ async def test_every_transaction_has_its_event(people, site):
         await tells(operator, "SetSitePlan", pad_id=pad_id, site_plan_sha256="1" * 64)
         prekeys = [{"prekey_id": f"k{index}", "public_key": scene.point(90 + index)} for index in range(2)]
         await tells(pad, "PublishPrekeys", pad_id=pad_id, prekeys=prekeys)
-        _, proposed = await happens(admin, "ProposePolicy", landing, policy={"buffer_mm": 1500})
+        _, proposed = await happens(admin, "ProposePolicy", landing, policy={"buffer_mm": 1500, "reservation_ms": 600_000})
         assert (proposed["state"], proposed["policy"]["policy"]["buffer_mm"]) == ("open", 1500)
         assert await admin.query("ReadChange", change_id=proposed["change_id"]) == proposed
         _, approved = await happens(people["inspector"], "ApproveChange", scene.approval(proposed))
@@ -93,6 +93,10 @@ async def test_every_transaction_has_its_event(people, site):
         maintenance = {"performed_ms": people.now_ms - 60_000, "valid_until_ms": valid["valid_until_ms"]}
         await tells(fleet, "RecordMaintenance", scene.maintenance(uav_id=uav_id, **maintenance))
         await tells(inspector, "GrantAuthorisation", scene.authorisation(uav_id=uav_id, pad_id=pad_id, **valid))
+
+        span = {"from_ms": people.now_ms, "until_ms": people.now_ms + 600_000}
+        (kept,) = (await tells(fleet, "ReservePad", pad_id=pad_id, uav_id=uav_id, **span))["reservations"]
+        await tells(operator, "CancelReservation", pad_id=pad_id, reservation_id=kept["reservation_id"])
 
         session = await tells(uav, "RequestProof", site.scene().request_argument("k0", pad_id=pad_id))
         evidence = site.scene().evidence(session, signer=uav)
