@@ -78,7 +78,9 @@ async def test_every_transaction_has_its_event(people, site):
         await tells(operator, "SetSitePlan", pad_id=pad_id, site_plan_sha256="1" * 64)
         prekeys = [{"prekey_id": f"k{index}", "public_key": scene.point(90 + index)} for index in range(2)]
         await tells(pad, "PublishPrekeys", pad_id=pad_id, prekeys=prekeys)
-        _, proposed = await happens(admin, "ProposePolicy", landing, policy={"buffer_mm": 1500, "reservation_ms": 600_000})
+        _, proposed = await happens(
+            admin, "ProposePolicy", landing, policy={"buffer_mm": 1500, "reservation_ms": 600_000}
+        )
         assert (proposed["state"], proposed["policy"]["policy"]["buffer_mm"]) == ("open", 1500)
         assert await admin.query("ReadChange", change_id=proposed["change_id"]) == proposed
         _, approved = await happens(people["inspector"], "ApproveChange", scene.approval(proposed))
