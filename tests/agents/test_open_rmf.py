@@ -9,6 +9,7 @@ from contextlib import asynccontextmanager
 from kit.agents import decided
 from kit.ros2 import TYPES, SdkPeer, pad_node, parts_of, router
 
+from wonderland import telemetry
 from wonderland_rmw_zenoh.node import Node
 from wonderland_rmw_zenoh.wire import Qos
 from wonderland_ros_bridge.ros2.door import CLOSED, MOVING, OFFLINE, OPEN, claimant
@@ -184,6 +185,7 @@ async def test_liars_on_the_topics_open_nothing_and_are_seen(world, caplog):
             await lies.ask(by=f"liar {index}")
         await seen.stands(MOVING)
         assert len(pad._door._wishes.held(world.clock())) <= 64
+        await seen.until(lambda: "and 59 more" in seen.door()[1]["asked_for_by"])
         before = len(caplog.records)
         for index in range(200):  # two of them, and their own change of mind
             await lies.ask(CLOSED if index % 2 else OPEN, by="flutter")
@@ -199,7 +201,7 @@ async def test_liars_on_the_topics_open_nothing_and_are_seen(world, caplog):
         await asyncio.sleep(1.0)
         said = [each.getMessage() for each in caplog.records[before:]]
         assert len(said) < 10, "nobody's flood fills the log"
-        for part in ("more than 4096 bytes", "by nobody", "another mode", "no rmf_door_msgs/msg/DoorRequest"):
+        for part in ("more than 4096 bytes", "printable letters", "another mode", "no rmf_door_msgs/msg/DoorRequest"):
             assert any(part in each for each in said), part
         # The pad's own word, by somebody else: it stands until the pad speaks again, and is named.
         for _ in range(3):
@@ -308,18 +310,122 @@ async def test_an_agent_that_is_killed_while_the_door_is_open_does_not_leave_it_
 
 
 async def test_a_node_that_ends_says_offline_and_one_that_comes_does_not_open_for_what_is_over(world):
-    async with router() as where, rmf(where) as seen, world.pad(local_reports="reports.sock"), world.uav() as uav:
-        async with pad_node(world, where, open_rmf=DOOR):
-            await seen.stands(CLOSED)
-            assert (await decided(uav)).verdict.permission == "granted"
-            await seen.until(lambda: OPEN in seen.modes)
-            await seen.stands(CLOSED)
-        await seen.stands(OFFLINE)
+    async with router() as where, rmf(where) as seen:
+        async with world.pad(local_reports="reports.sock"), world.uav() as uav:
+            async with pad_node(world, where, open_rmf=DOOR):
+                await seen.stands(CLOSED)
+                assert (await decided(uav)).verdict.permission == "granted"
+                await seen.until(lambda: OPEN in seen.modes)
+                await seen.stands(CLOSED)
+            await seen.stands(OFFLINE)
         seen.heard["/door_states"].clear()
-        async with pad_node(world, where, open_rmf=DOOR):
+        async with pad_node(world, where, open_rmf=DOOR), world.pad(local_reports="reports.sock"):
             await seen.stands(CLOSED)
             await asyncio.sleep(1.0)
             assert OPEN not in seen.modes, "the permission was used before"
+
+
+class Halting:
+    """A ledger whose stream of blocks stands still behind the verdict, though it says that there are more."""
+
+    def __init__(self, contract):
+        self._contract = contract
+        self.go_on = asyncio.Event()
+
+    def __getattr__(self, name):
+        return getattr(self._contract, name)
+
+    async def committed(self, start_block):
+        async for block in self._contract.committed(start_block):
+            yield block
+            if any(each.name == "ProofDecided" for each in block.events):
+                await self.go_on.wait()
+
+
+async def test_no_door_is_open_by_a_verdict_whose_end_has_not_been_read_yet(world):
+    halting = []
+
+    def halt(contract):
+        halting.append(Halting(contract))
+        return halting[-1]
+
+    async with router() as where, rmf(where) as seen:
+        async with world.pad(), world.uav() as uav:
+            assert (await decided(uav)).verdict.permission == "granted"
+        async with pad_node(world, where, open_rmf=DOOR, ledger=halt) as pad:
+            pad.report(world.clock(), telemetry.Health())
+            await asyncio.sleep(4.5)
+            assert pad._reporting() is not None
+            assert seen.modes == [OFFLINE]
+            halting[0].go_on.set()
+            await seen.stands(CLOSED)
+            assert OPEN not in seen.modes
+
+
+class Supervisor:
+    """RMF's door supervisor, as it was read: passes on what adapters want, and reminds a door at each of its states."""
+
+    def __init__(self, node):
+        self._node = node
+        self._wanted = set()
+        self.reminders = 0
+        self._say = node.advertise("/door_requests", TYPES.message(REQUEST))
+        node.subscribe("/adapter_door_requests", self._asked, kind=TYPES.message(REQUEST), history=False)
+        node.subscribe("/door_states", self._stated, kind=TYPES.message(STATE), history=False, depth=1_000)
+
+    async def _asked(self, arrived):
+        asked = TYPES.message(REQUEST).codec.decode(arrived.data)
+        if asked.requested_mode.value == OPEN:
+            self._wanted.add(asked.requester_id)
+            await self._send(OPEN)
+        elif asked.requester_id in self._wanted:
+            self._wanted.discard(asked.requester_id)
+            if not self._wanted:
+                await self._send(CLOSED)
+
+    async def _stated(self, arrived):
+        mode = TYPES.message(STATE).codec.decode(arrived.data).current_mode.value
+        if mode not in {OPEN if self._wanted else CLOSED, OFFLINE}:
+            self.reminders += 1
+            await self._send(OPEN if self._wanted else CLOSED)
+
+    async def _send(self, mode):
+        await self._say.publish(
+            {"requester_id": "door_supervisor", "door_name": "pad-1", "requested_mode": {"value": mode}}
+        )
+
+
+async def test_rmfs_supervisor_and_the_pad_agree_and_do_not_answer_each_other_without_end(world):
+    go, act = hold()
+    async with (
+        router() as where,
+        rmf(where) as seen,
+        Node("/door_supervisor", where.link) as other,
+        pad_node(world, where, open_rmf=DOOR),
+        world.pad(local_reports="reports.sock"),
+        world.uav(act=act) as uav,
+    ):
+        supervisor = Supervisor(other)
+        await seen.stands(CLOSED)
+        # Nobody of RMF's wants it: the supervisor asks to close what a proof has opened.
+        proof = asyncio.create_task(decided(uav))
+        await seen.stands(OPEN, 20)
+        reminders, states = supervisor.reminders, len(seen.heard["/door_states"])
+        await asyncio.sleep(3.0)
+        assert supervisor.reminders > reminders
+        assert len(seen.heard["/door_states"]) - states < 6, "a state a second, whatever is asked"
+        assert seen.modes[-1] == OPEN
+        go.set()
+        assert (await proof).verdict.permission == "granted"
+        await seen.stands(CLOSED)
+        # A robot wants it, and says so once: the supervisor goes on asking until the robot takes it back.
+        await seen.ask(by="fleet/robot", topic="/adapter_door_requests")
+        await seen.stands(MOVING)
+        await seen.until(
+            lambda: seen.door()[1]["asked_for_by"] in {"fleet/robot, door_supervisor", "door_supervisor, fleet/robot"}
+        )
+        await seen.ask(CLOSED, by="fleet/robot", topic="/adapter_door_requests")
+        await seen.stands(CLOSED)
 
 
 async def test_who_has_rmfs_lock_is_shown_and_hinders_nobody(world):

@@ -87,13 +87,14 @@ async def router(port=None):
 
 
 @asynccontextmanager
-async def pad_node(world, where, *, name="mirror", clock=None, **settings):
+async def pad_node(world, where, *, name="mirror", clock=None, ledger=None, **settings):
     """The node of the world's pad, as ``wonderland ros2 run`` puts it together."""
     connection = world.connection
     made_of = PadNodeSettings(pad_id="pad-1", reports=world.directory / "reports.sock", **settings)
     async with connection.open_channel() as channel, Node(made_of.node, where.link) as node:
         network = Gateway(channel, connection.identity(name), connection.signer(name)).network(connection.channel)
-        made = PadNode(made_of, node, AssetContract(network, connection.chaincode), clock or world.clock)
+        contract = AssetContract(network, connection.chaincode)
+        made = PadNode(made_of, node, ledger(contract) if ledger else contract, clock or world.clock)
         async with listening(made_of.reports, made.report):
             working = asyncio.create_task(made.run())
             try:

@@ -28,6 +28,13 @@ def checked(tmp_path, text):
     return run("run", "--check", "--config", path)
 
 
+def test_a_door_of_open_rmf_is_explained(tmp_path):
+    found = checked(tmp_path, LEDGER + PAD + "[pad.open_rmf]\n")
+    assert "door pad-1, with no mutex group; only a proof opens it" in found.output
+    found = checked(tmp_path, LEDGER + PAD + '[pad.open_rmf]\ndoor = "roof 1"\nmutex_group = "roof"\n')
+    assert "door roof 1, with mutex group roof" in found.output
+
+
 def test_settings_are_explained(tmp_path):
     found = checked(tmp_path, LEDGER + PAD)
     assert found.exit_code == 0, found.output
@@ -47,6 +54,9 @@ def test_settings_are_explained(tmp_path):
         (LEDGER + PAD + '[ros2]\nlisten = ["tcp/0.0.0.0:7447"]\n', "another machine's"),
         (LEDGER + PAD + "[ros2]\ndomain = 300\n", "domain"),
         (LEDGER + PAD + 'map_frame = "a b"\n', "map_frame"),
+        (LEDGER + PAD + '[pad.open_rmf]\ndoor = ""\n', "pad.open_rmf.door"),
+        (LEDGER + PAD + f'[pad.open_rmf]\nmutex_group = "{"x" * 201}"\n', "pad.open_rmf.mutex_group"),
+        (LEDGER + PAD + "[pad.open_rmf]\nautorise = true\n", "autorise"),
     ],
 )
 def test_settings_that_cannot_be_worked_with_name_the_field(tmp_path, text, says):

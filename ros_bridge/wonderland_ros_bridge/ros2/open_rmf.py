@@ -34,6 +34,7 @@ GROUPS: Final = "/mutex_group_states"
 MAX_BYTES: Final = 4_096
 MAX_GROUPS_BYTES: Final = 1 << 20
 MAX_REQUESTER: Final = 200
+SHOWN: Final = 5
 TELL_S: Final = 1.0
 BREATH_S: Final = 0.1
 """Between two states at least: nobody's flood becomes one of ours."""
@@ -101,8 +102,8 @@ class OpenRmf:
         if asked.door_name != self.name:
             return
         requester, wanted = asked.requester_id, asked.requested_mode.value
-        if not 0 < len(requester) <= MAX_REQUESTER:
-            raise WireError(f"requests by nobody, or by a name of more than {MAX_REQUESTER} letters")
+        if not 0 < len(requester) <= MAX_REQUESTER or not requester.isprintable():
+            raise WireError(f"requests by nobody, or by a name that has no 1 to {MAX_REQUESTER} printable letters")
         if wanted not in {_OPEN, _CLOSED}:
             raise WireError("requests for another mode than open (2) or closed (0)")
         wishes, now = self._wishes, self._clock()
@@ -208,9 +209,11 @@ class OpenRmf:
     def diagnosed(self) -> tuple[str, str, Message]:
         """For diagnostics: a level, a message and values."""
         now = self._clock()
+        held = self._wishes.held(now)
+        more = "" if len(held) <= SHOWN else f" and {len(held) - SHOWN} more"
         values = {
             "mode": says.MODES[self.mode],
-            "asked_for_by": ", ".join(self._wishes.held(now)),
+            "asked_for_by": ", ".join(held[:SHOWN]) + more,
             **({} if self._group is None else {"mutex_group": self._group, "mutex_group_held_by": self._holder}),
         }
         if self._stranger_ms is not None and now - self._stranger_ms <= STRANGER_MS:

@@ -16,6 +16,7 @@ from wonderland_ros_bridge.settings import BridgeName, LedgerSettings, SpoolByte
 
 PREFIX = "ros2"
 """With which the ids of this bridge's assets begin."""
+RmfName = Annotated[str, Meta(min_length=1, max_length=200, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 FrameName = Annotated[str, Meta(max_length=60, pattern=r"\A[A-Za-z_][A-Za-z0-9_]*\Z")]
 
 
@@ -58,9 +59,9 @@ class Ros2Settings(Table, frozen=True):
 class OpenRmfSettings(Table, frozen=True):
     """``[pad.open_rmf]``: the pad as a door of Open-RMF. RMF may ask for it; only a proof opens it."""
 
-    door: Text | None = None
+    door: RmfName | None = None
     """The door’s name in RMF’s building map; left out: ``pad_id``."""
-    mutex_group: Text | None = None
+    mutex_group: RmfName | None = None
     """The mutex group of the pad’s waypoint, locked while somebody has a permission; left out: none is."""
 
 
