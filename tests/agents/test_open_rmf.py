@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import sys
 from contextlib import asynccontextmanager
 
 from kit.agents import decided
@@ -11,7 +12,7 @@ from kit.ros2 import TYPES, SdkPeer, pad_node, parts_of, router
 
 from wonderland import telemetry
 from wonderland_rmw_zenoh.node import Node
-from wonderland_rmw_zenoh.wire import Qos
+from wonderland_rmw_zenoh.wire import Attachment, Qos
 from wonderland_ros_bridge.ros2.door import CLOSED, MOVING, OFFLINE, OPEN, claimant
 from wonderland_ros_bridge.ros2.settings import OpenRmfSettings
 
@@ -194,12 +195,16 @@ async def test_liars_on_the_topics_open_nothing_and_are_seen(world, caplog):
         await lies.ask(door="x" * 1_000_000)
         wrong = liar.advertise("/door_requests", TYPES.message("std_msgs/msg/String"))
         await wrong.publish({"data": "open"})
-        key = f"0/door_requests/rmf_door_msgs::msg::dds_::DoorRequest_/RIHS01_{'0' * 64}"
-        from wonderland_rmw_zenoh.wire import Attachment
-
-        liar.session.put(key, b"\x00\x01\x00\x00\xff", attachment=Attachment(1, 2, b"g" * 16).encode())
+        forged = {"requester_id": "of another hash", "door_name": "pad-1", "requested_mode": {"value": OPEN}}
+        data = TYPES.message(REQUEST).codec.encode(forged)
+        for kind, hashed in (("DoorRequest", "0" * 64), ("DoorWish", TYPES.message(REQUEST).hash[7:])):
+            key = f"0/door_requests/rmf_door_msgs::msg::dds_::{kind}_/RIHS01_{hashed}"
+            liar.session.put(key, data, attachment=Attachment(1, 2, b"g" * 16).encode())
         await asyncio.sleep(1.0)
         said = [each.getMessage() for each in caplog.records[before:]]
+        held = pad._door._wishes.held(world.clock())
+        assert "liar 999" in held
+        assert "of another hash" not in held
         assert len(said) < 10, "nobody's flood fills the log"
         for part in ("more than 4096 bytes", "printable letters", "another mode", "no rmf_door_msgs/msg/DoorRequest"):
             assert any(part in each for each in said), part
@@ -323,6 +328,34 @@ async def test_a_node_that_ends_says_offline_and_one_that_comes_does_not_open_fo
             await seen.stands(CLOSED)
             await asyncio.sleep(1.0)
             assert OPEN not in seen.modes, "the permission was used before"
+
+
+async def test_the_command_tells_the_door_and_ends_with_offline(world):
+    """``wonderland ros2 run`` as a service manager starts and stops it."""
+    config = world.directory / "ros2.toml"
+    connection = world.directory / "ledger" / "connection.json"
+    async with router() as where, rmf(where) as seen:
+        config.write_text(
+            f'[ledger]\nconnection = "{connection}"\nidentity = "mirror"\n[ros2]\nconnect = ["{where.endpoint}"]\n'
+            '[pad]\npad_id = "pad-1"\nreports = "reports.sock"\n[pad.open_rmf]\ndoor = "roof"\n'
+        )
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-m", "wonderland.cli", "ros2", "run", "--json", "--config", str(config), stdout=-1
+        )
+        try:
+            async with asyncio.timeout(30):
+                assert b"ready" in await process.stdout.readline()
+            async with world.pad(local_reports="reports.sock"):
+                await seen.until(lambda: "roof" in {each.door_name for each in seen.heard["/door_states"]})
+                await seen.until(lambda: seen.heard["/door_states"][-1].current_mode.value == CLOSED)
+                process.terminate()
+                assert await asyncio.wait_for(process.wait(), 10) == 0
+            await seen.until(lambda: seen.heard["/door_states"][-1].current_mode.value == OFFLINE)
+            assert seen.heard["/mutex_group_request"] == [], "no group is named"
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
 
 
 class Halting:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from kit.facts import Facts
 from kit.proof_world import World
 from kit.ros2 import TYPES
 from rosbags.typesys import get_types_from_msg
@@ -149,6 +150,21 @@ def test_what_breaks_off_is_an_alert_unless_it_is_the_drones_own_will_or_keeps_i
         assert found["message"]
         assert "_" not in found["message"]
         TYPES.message("rmf_task_msgs/msg/Alert").codec.encode(found)
+
+
+@pytest.mark.parametrize(("outcome", "tier"), [("refuted", 2), ("inconclusive", 1), ("verified", 1)])
+def test_a_refusal_says_why(outcome, tier):
+    """A drone that was where it said may lack papers."""
+    event = CommittedEvent("ProofDecided", "f" * 64, NOW, "PadMSP/pad", {}, None)
+    reasons = [{"code": "anchor_rarely", "facts": {"anchor_id": "A1"}}, {"code": "of_a_later_contract", "facts": {}}]
+    verdict = Facts.verdict("e" * 64, outcome=outcome, permission="refused", reasons=reasons)
+    found = says.refusal("roof", verdict, event)
+    assert (found["title"], found["subtitle"], found["tier"]) == ("roof: uav-1 was refused", f"land: {outcome}", tier)
+    assert found["message"].splitlines() == [
+        "A1 is left out: it measured in too few of the rounds.",
+        "of_a_later_contract",
+    ]
+    TYPES.message("rmf_task_msgs/msg/Alert").codec.encode(found)
 
 
 def test_modes_are_those_of_the_definitions():

@@ -123,7 +123,7 @@ def refusal(door: str, verdict: Verdict, event: CommittedEvent) -> Message:
     why = "\n".join(text("reasons", each.code, each.facts) for each in verdict.reasons)
     return _alert(
         door,
-        f"{verdict.uav_id} was refused: {verdict.outcome}",
+        f"{verdict.uav_id} was refused",
         why,
         tier=_ERROR if verdict.outcome == "refuted" else _WARNING,
         session_id=verdict.session_id,
@@ -160,7 +160,7 @@ def _alert(door: str, title: str, why: str, *, tier: int, session_id: str, **par
     return {
         "id": f"wonderland-{session_id}-{parameters['outcome']}",
         "title": f"{door}: {title}",
-        "subtitle": f"{parameters['action']} of {parameters['uav_id']}",
+        "subtitle": f"{parameters['action']}: {parameters['outcome'].replace('_', ' ')}",
         "message": why,
         "display": True,
         "tier": tier,
