@@ -11,7 +11,7 @@ from kit.proof_world import World
 
 from wonderland.proofs.queue import CLAIMS_PER_HOUR, COMPLETION_MS, HOUR_MS, queue_of
 from wonderland.proofs.queue_book import QueueBook
-from wonderland.proofs.records.reservations import Reservation
+from wonderland.proofs.records.reservations import Reservation, Reservations
 from wonderland.proofs.records.sessions import Departure, Party, Precedence
 
 NOW = World().start_ms + 5_000
@@ -170,6 +170,18 @@ def test_a_reservation_is_used_up_by_its_drones_landing_and_by_nothing_else():
 
 def test_a_reservation_is_its_organisations_drones():
     assert queue_of([asks(9, msp="OtherMSP")], (), NOW, [kept()]).places[0].rank == "normal"
+
+
+def test_a_book_knows_reservations_by_their_events():
+    book = QueueBook("pad-1")
+    book.take("ProofRequested", asks(1).to_json())
+    for pad_id, reservations, blocked_by in (
+        ("pad-2", (kept(),), ""),
+        ("pad-1", (kept(),), "uav-9"),
+        ("pad-1", (), ""),
+    ):
+        book.take("PadReserved", Reservations(pad_id=pad_id, reservations=reservations).to_json())
+        assert book.queue(NOW).places[0].blocked_by == blocked_by
 
 
 @given(st.integers(0, 2**32))

@@ -39,9 +39,11 @@ class QueueBook:
 
     def take(self, name: str, record: Mapping[str, Any]) -> None:
         """An event of the contract. Raises ProofError for a record that cannot be read."""
-        if name not in EVENTS or record.get("pad_id") != self.pad_id:
+        if name not in EVENTS | RESERVATION_EVENTS or record.get("pad_id") != self.pad_id:
             return
-        if name == DECIDED:
+        if name in RESERVATION_EVENTS:
+            self.reserved(Reservations.parse(record))
+        elif name == DECIDED:
             self.decided(Verdict.parse(record))
         else:
             self.put(Session.parse(record))
