@@ -9,6 +9,7 @@ import random
 import numpy as np
 import pytest
 
+from wonderland_edge_agent.commissioning import offline, perform
 from wonderland_edge_agent.commissioning.run import make_run
 from wonderland_simulator.channel import Channel, bias_m
 
@@ -104,3 +105,23 @@ def good_run():
 def files(tmp_path_factory):
     """ranges.csv and anchors.csv of a minute and a half."""
     return World().files(tmp_path_factory.mktemp("run"), 90.0)
+
+
+_CALIBRATED: dict = {}
+
+
+@pytest.fixture
+def calibrated_once(monkeypatch):
+    """The command with the same files and settings again is given what was found: it takes seconds, each time the same.
+
+    What a test is about then is what the command reads, says and writes of it.
+    """
+
+    def calibrate(settings, now_ms):
+        files = (*settings.recordings, settings.anchors, settings.reference, *settings.time_stamps, settings.control)
+        asked = (settings, *(path.read_bytes() for path in files if path is not None))
+        if asked not in _CALIBRATED:
+            _CALIBRATED[asked] = offline.calibrate(settings, now_ms)
+        return _CALIBRATED[asked]
+
+    monkeypatch.setattr(perform, "calibrate", calibrate)

@@ -21,7 +21,7 @@ from wonderland_edge_agent.commissioning.stamps import M_PER_TICK, StampedRun
 
 OFFSETS_M = (0.42, -1.30, 0.05, 0.83)
 COUNTER = 1 << 40
-pytestmark = pytest.mark.timeout(300)
+pytestmark = [pytest.mark.timeout(300), pytest.mark.usefixtures("calibrated_once")]
 
 
 def write_stamps(path, world, seconds, *, offsets=OFFSETS_M, wander_m=None, noise_m=0.03, deaf=(), seed=4, shift_m=()):

@@ -9,7 +9,10 @@ from wonderland.proofs.records.pads import Commissioning
 from wonderland_edge_agent.commands import pad
 from wonderland_research.evaluate import EvaluateSettings, evaluate
 
-pytestmark = pytest.mark.timeout(300)  # seconds of work; minutes where the machine is crowded
+pytestmark = [
+    pytest.mark.timeout(300),
+    pytest.mark.usefixtures("calibrated_once"),
+]  # seconds of work; minutes where the machine is crowded
 
 
 def run(*arguments):
