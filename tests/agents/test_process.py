@@ -93,6 +93,30 @@ async def test_killed_in_mid_session_and_back_the_end_is_on_the_ledger(world, st
     assert not world.acted
 
 
+async def test_killed_while_somebody_waits_the_pad_is_not_given_twice_and_who_waited_is_served(world, start_pad):
+    await world.second_uav()
+    await world.policy(occupied_ms=600_000)
+    process = await start_pad()
+    async with world.uav() as first, world.uav(name="uav-2") as second:
+        landed = await first.prove("pad-1", "land")
+        waiting = asyncio.create_task(second.prove("pad-1", "land"))
+        events = world.contract("mirror").events(start_block=0, names=frozenset({"ProofRequested"}))
+        async with asyncio.timeout(10):
+            while (await anext(events)).record["uav_id"] != "uav-2":
+                pass
+        await asyncio.sleep(1)
+        process.kill()
+        await process.wait()
+        await start_pad()
+        await asyncio.sleep(2)
+        assert not waiting.done(), "the first one stands there still"
+        await world.call("pad_operator", "RecordDeparture", session_id=landed.session_id)
+        async with asyncio.timeout(20):
+            result = await waiting
+    assert (result.state, result.end) == ("completed", "done")
+    assert [verdict.uav_id for verdict in world.acted] == ["uav-1", "uav-2"]
+
+
 async def sessions(world):
     """Those that ended with what was permitted, as their events tell of them."""
     contract, found = world.contract("mirror"), []

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
+from kit.chain import Tx
 from sqlalchemy import text
+
+from wonderland.proofs import encoding
+from wonderland.proofs.records import keys
+from wonderland.proofs.records.sessions import Precedence
 
 START_MS = 1_800_000_000_000
 BOTH = ["sqlite", pytest.param("postgresql", marks=pytest.mark.postgres)]
@@ -163,6 +169,30 @@ async def test_replay_is_what_the_live_map_showed(
         assert ([detail["verdict"]] if "verdict" in detail else []) == known
         assert ("evidence" in detail) == bool(known)
     assert detail == (await running.json(f"/sessions/{session_id}"))
+
+
+async def test_a_sessions_page_of_then_knows_nothing_that_people_did_later(running, clock, chain, facts, number):
+    begin_ms = clock.now_ms = clock.now_ms + 10_000
+    asked = facts.session(number("session", "five"), "pad-1", "uav-1", begin_ms)
+    put = replace(asked, precedence=Precedence(by="operator", name="Ada", reason="a patient", t_ms=begin_ms + 2_000))
+    ended = {"state": "cancelled", "end": "turned_away", "ended_by": "operator", "ended_ms": begin_ms + 4_000}
+    for name, function, record in (
+        ("ProofRequested", "RequestProof", asked),
+        ("PrecedenceGiven", "GivePrecedence", put),
+        ("ProofCancelled", "CancelProof", replace(put, note="being cleaned", **ended)),
+    ):
+        event = (name, encoding.encode({"kind": name, "record": record.to_json()}))
+        writes = {keys.composite(keys.SESSION, record.session_id): record.encode()}
+        tx_id = record.session_id if function == "RequestProof" else ""
+        argument = {"pad_id": "pad-1"} if function == "RequestProof" else {"session_id": record.session_id}
+        chain.add(Tx(function, argument, writes, event, t_ms=clock.now_ms, tx_id=tx_id))
+        await running.mirrored(chain.height)
+        clock.now_ms += 2_000
+    late = ("precedence", "note", "ended_by", "end")
+    for after_ms, known in ((0, ()), (2_000, ("precedence",)), (4_000, late)):
+        path = f"/replay/sessions/{asked.session_id}"
+        shown = (await running.json(path, at_ms=begin_ms + after_ms))["session"]
+        assert [name for name in late if name in shown] == [name for name in late if name in known], after_ms
 
 
 @both

@@ -18,6 +18,8 @@ from wonderland_backend.sessions import queries as sessions
 from wonderland_backend.verdicts import queries as verdicts
 
 LATER: Final = ("decided_ms", "ended_ms", "end")
+OF_ITS_END: Final = ("ended_by", "note")
+BY_PEOPLE: Final = ("precedence", "departure")
 
 
 async def session_at(database: AsyncSession, session_id: str, t_ms: int, scope: Scope) -> dict[str, Any] | None:
@@ -29,7 +31,12 @@ async def session_at(database: AsyncSession, session_id: str, t_ms: int, scope: 
         return None
     (view,) = found
     outline = view.outline
-    past = {name: value for name, value in orjson.loads(row.record).items() if name not in LATER}
+    later = (*LATER, *(OF_ITS_END if outline.ended_ms is None else ()))
+    past = {
+        name: value
+        for name, value in orjson.loads(row.record).items()
+        if name not in later and not (name in BY_PEOPLE and value["t_ms"] > t_ms)
+    }
     past |= {name: value for name in LATER if (value := getattr(outline, name)) is not None}
     transactions = [each for each in await sessions.transactions(database, view) if each.block <= when.block]
     findings = await sessions.findings(database, outline, known_ms=t_ms)
