@@ -123,6 +123,10 @@ async def test_a_proof_opens_the_door_and_a_wish_does_not(world):
         locked = seen.heard["/mutex_group_request"][-1]
         await asyncio.sleep(1.0)
         assert seen.modes[-1] == OPEN, "the drone has its permission, whatever RMF asks"
+        # RMF forgets a lock that is not repeated within ten seconds.
+        await seen.until(lambda: len([each for each in seen.heard["/mutex_group_request"] if each.mode == 1]) >= 3)
+        locks = [each for each in seen.heard["/mutex_group_request"] if each.mode == 1]
+        assert len({each.claim_time.sec * 10**9 + each.claim_time.nanosec for each in locks}) == 1
         go.set()
         result = await proof
         await seen.stands(CLOSED)
@@ -249,6 +253,23 @@ async def test_a_word_of_the_pads_own_is_not_taken_for_its_own_when_it_is_replay
         await again.publish_bytes(opened)
         await seen.until(lambda: any("/replayer" in each.getMessage() for each in caplog.records))
         await seen.stands(CLOSED)
+
+
+async def test_two_nodes_of_one_door_find_each_other_and_do_not_outdo_each_other(world, caplog):
+    """A pad whose node was started twice; each is the other's stranger."""
+    other = world.directory / "other"
+    other.mkdir()
+    async with (
+        router() as where,
+        rmf(where) as seen,
+        pad_node(world, where, open_rmf=DOOR),
+        pad_node(world, where, open_rmf=DOOR, reports=other / "reports.sock"),
+    ):
+        await seen.until(lambda: sum("somebody else publishes" in each.getMessage() for each in caplog.records) == 2)
+        before = len(seen.heard["/door_states"])
+        await asyncio.sleep(3.0)
+        assert len(seen.heard["/door_states"]) - before <= 70, "ten a second each, at most"
+        assert sum("somebody else publishes" in each.getMessage() for each in caplog.records) == 2
 
 
 async def test_a_permission_that_lapses_closes_the_door_and_alerts(world):

@@ -90,7 +90,7 @@ async def router(port=None):
 async def pad_node(world, where, *, name="mirror", clock=None, ledger=None, **settings):
     """The node of the world's pad, as ``wonderland ros2 run`` puts it together."""
     connection = world.connection
-    made_of = PadNodeSettings(pad_id="pad-1", reports=world.directory / "reports.sock", **settings)
+    made_of = PadNodeSettings(**{"pad_id": "pad-1", "reports": world.directory / "reports.sock"} | settings)
     async with connection.open_channel() as channel, Node(made_of.node, where.link) as node:
         network = Gateway(channel, connection.identity(name), connection.signer(name)).network(connection.channel)
         contract = AssetContract(network, connection.chaincode)

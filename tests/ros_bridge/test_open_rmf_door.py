@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -16,10 +17,15 @@ from rosbags.typesys import get_types_from_msg
 
 from wonderland.asset_contract import CommittedEvent
 from wonderland.proofs.queue import COMPLETION_MS, queue_of
+from wonderland_rmw_zenoh.errors import Ros2Error, WireError
 from wonderland_rmw_zenoh.interfaces import Interfaces
+from wonderland_rmw_zenoh.node import Arrived
+from wonderland_rmw_zenoh.wire import Attachment
 from wonderland_ros_bridge.ros2 import door as says
 from wonderland_ros_bridge.ros2.door import CLOSED, MAX_WISHES, MOVING, OFFLINE, OPEN, WISH_MS, Wishes
 from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORY
+from wonderland_ros_bridge.ros2.open_rmf import OpenRmf
+from wonderland_ros_bridge.ros2.settings import OpenRmfSettings
 
 NOW = World().start_ms + 5_000
 _BASE = World().session(World().claim((0, 0, 3_000), NOW))
@@ -165,6 +171,40 @@ def test_a_refusal_says_why(outcome, tier):
         "of_a_later_contract",
     ]
     TYPES.message("rmf_task_msgs/msg/Alert").codec.encode(found)
+
+
+@given(st.binary(max_size=120) | st.binary(max_size=60).map(lambda data: b"\x00\x01\x00\x00" + data))
+async def test_any_bytes_are_a_request_or_refused(data):
+    kind = TYPES.message("rmf_door_msgs/msg/DoorRequest")
+    made = OpenRmf(OpenRmfSettings(), None, TYPES, "pad-1", lambda: NOW, lambda: True)
+    arrived = Arrived("/door_requests", kind.name, kind.hash, data, Attachment(1, 2, b"g" * 16), 0)
+    with contextlib.suppress(Ros2Error):
+        await made._requested(arrived, kind)
+    assert made.mode == OFFLINE
+
+
+@pytest.mark.parametrize(
+    ("more", "says_so"),
+    [
+        ({"requester_id": ""}, "printable letters"),
+        ({"requester_id": "x" * 201}, "printable letters"),
+        ({"requester_id": "a\x1b[2J"}, "printable letters"),
+        ({"requested_mode": {"value": MOVING}}, "another mode"),
+        ({"requested_mode": {"value": 4_000_000_000}}, "another mode"),
+        ({"door_name": "another", "requester_id": ""}, None),
+    ],
+)
+async def test_a_request_that_is_none_is_refused_in_words(more, says_so):
+    kind = TYPES.message("rmf_door_msgs/msg/DoorRequest")
+    made = OpenRmf(OpenRmfSettings(), None, TYPES, "pad-1", lambda: NOW, lambda: True)
+    data = kind.codec.encode({"door_name": "pad-1", "requester_id": "a", "requested_mode": {"value": OPEN}} | more)
+    arrived = Arrived("/door_requests", kind.name, kind.hash, data, Attachment(1, 2, b"g" * 16), 0)
+    if says_so is None:
+        await made._requested(arrived, kind)
+    else:
+        with pytest.raises(WireError, match=says_so):
+            await made._requested(arrived, kind)
+    assert made._wishes.held(NOW) == ()
 
 
 def test_modes_are_those_of_the_definitions():
