@@ -304,7 +304,7 @@ async def test_a_ledger_that_goes_away_while_the_door_is_open_takes_it_offline(w
         proof = asyncio.create_task(uav.prove("pad-1", "land"))
         await seen.stands(OPEN, 20)
         restarted = asyncio.create_task(world.restart_ledger(8.0))
-        await seen.stands(OFFLINE, 7.5)
+        await seen.stands(OFFLINE, 15)
         await restarted
         await seen.until(lambda: seen.modes[-1] in {OPEN, CLOSED}, 30)
         assert seen.heard["/mutex_group_request"][-1].mode in {0, 1}
@@ -325,12 +325,12 @@ async def test_an_agent_that_is_killed_while_the_door_is_open_does_not_leave_it_
         async with world.pad(local_reports="reports.sock"):
             proof = asyncio.create_task(uav.prove("pad-1", "land"))
             await seen.stands(OPEN, 20)
-        ahead_ms = 24_000
+        ahead_ms = 18_000
         await asyncio.sleep(0.5)
         assert seen.modes[-1] == OPEN
         ahead_ms = 26_000
-        await seen.stands(OFFLINE, 1.5)
-        assert seen.heard["/mutex_group_request"][-1].mode == 0
+        await seen.stands(OFFLINE, 5)
+        await seen.until(lambda: seen.heard["/mutex_group_request"][-1].mode == 0)
         proof.cancel()
         await asyncio.gather(proof, return_exceptions=True)
 

@@ -22,6 +22,7 @@ from wonderland_chaincode.contract import CONTRACT
 from wonderland_edge_agent.commissioning.errors import PublishError, RadioError, StateError, SurveyError
 from wonderland_edge_agent.commissioning.live.publish import Operator
 from wonderland_edge_agent.commissioning.live.radios import TagPlan
+from wonderland_edge_agent.commissioning.live.references import UdpSource
 from wonderland_edge_agent.commissioning.live.wizard import LiveSettings, Wizard
 from wonderland_edge_agent.commissioning.survey_files import Origin
 from wonderland_edge_agent.radios.between import Common
@@ -143,7 +144,7 @@ class Site:
             anchors=self.directory / "survey.csv",
             origin=ORIGIN,
             tag_port=str(self.directory / "tty-tag"),
-            reference_listen=("127.0.0.1", 0),
+            reference_live=UdpSource(("127.0.0.1", 0)),
             seconds=30.0,
             truth_shift_s=0.0,
             check_rounds=8,
@@ -297,12 +298,12 @@ async def test_an_anchor_that_stands_elsewhere_is_named_before_anything_is_calib
 
 async def test_without_a_reference_the_run_is_kept_until_it_comes(site, tmp_path):
     with pytest.raises(Exception, match="give --reference FILE"):
-        await site.commission(reference_listen=None, dry_run=True, seconds=30.0)
+        await site.commission(reference_live=None, dry_run=True, seconds=30.0)
     track = tmp_path / "track.csv"
     start = site.clock.epoch_ms / 1000
     rows = (f"{start + i / 10},{','.join(map(str, site.where(start + i / 10)))}" for i in range(3_000))
     track.write_text("t,x,y,z\n" + "\n".join(rows) + "\n")
-    done, operator = await site.commission(reference_listen=None, reference_file=track, dry_run=True)
+    done, operator = await site.commission(reference_live=None, reference_file=track, dry_run=True)
     assert done["published"] is False
     assert operator.result.fit.coverage.seconds >= 20
 

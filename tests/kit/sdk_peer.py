@@ -42,6 +42,16 @@ def known(order):
     return own, get_type_hash(order["type"], msg_definition=own, dependencies=order["parts"])
 
 
+def built(kind, value):
+    """The fields of a message, those that are messages made to what its serializer wants."""
+    store = ZenohSession.get_instance(**WHERE).store
+    types = dict(store.fielddefs[kind][1])
+    return {
+        name: store.types[types[name][1]](**built(types[name][1], each)) if isinstance(each, dict) else each
+        for name, each in value.items()
+    }
+
+
 def main():
     held = []
     publishers = {}
@@ -59,12 +69,14 @@ def main():
                 say(did="subscribe", topic=topic, hash=type_hash)
             case "advertise":
                 text, type_hash = known(order)
-                publishers[order["topic"]] = ROS2Publisher(
-                    order["topic"], order["type"], msg_definition=text, type_hash=type_hash, **AT
+                publishers[order["topic"]] = (
+                    order["type"],
+                    ROS2Publisher(order["topic"], order["type"], msg_definition=text, type_hash=type_hash, **AT),
                 )
                 say(did="advertise", hash=type_hash)
             case "publish":
-                publishers[order["topic"]].publish(**order["message"])
+                kind, publisher = publishers[order["topic"]]
+                publisher.publish(**built(kind, order["message"]))
                 say(did="publish")
             case "topics":
                 say(did="topics", topics=get_topic_names_and_types(timeout=1.0, include_hidden_topics=True, **AT))

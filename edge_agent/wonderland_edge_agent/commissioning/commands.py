@@ -53,7 +53,12 @@ def _metres(name: str, default: float, least: float, most: float, text: str) -> 
 @click.option("--anchors", required=True, type=_FILE, metavar="CSV|TOML", help="The survey of the anchors.")
 @click.option("--config", type=_FILE, metavar="TOML", help="The pad's settings (pad.toml).")
 @click.option("--state", type=click.Path(file_okay=False, path_type=Path), metavar="DIR", help="Live: kept steps.")
-@click.option("--reference", metavar="CSV|udp:HOST:PORT", help="The truth, where it is not in the recording.")
+@click.option(
+    "--reference",
+    metavar="CSV|udp:…|natnet:…|ros2:…",
+    help="The truth, where it is not in the recording: a file; live, positions that come to udp:HOST:PORT, a rigid "
+    "body of Motive (natnet:HOST[#BODY]), or a PoseStamped (ros2:/TOPIC).",
+)
 @click.option("--truth-shift", callback=_shift, metavar="S|auto", help="The truth of t is at t + S. Live: auto.")
 @_metres("--truth-raise", 0.0, -1_000.0, 1_000.0, "Metres to add to the truth's height.")
 @_metres("--reference-sigma", 0.01, 0.0, 1.0, "How well the truth is known.")

@@ -19,6 +19,7 @@ from wonderland_edge_agent.commissioning.errors import CommissioningError, Surve
 from wonderland_edge_agent.commissioning.fit import FitSettings
 from wonderland_edge_agent.commissioning.live.ask import ask_nodes
 from wonderland_edge_agent.commissioning.live.publish import Operator, publish
+from wonderland_edge_agent.commissioning.live.references import FORMS, Source, parse_source
 from wonderland_edge_agent.commissioning.live.terminal import Terminal
 from wonderland_edge_agent.commissioning.live.wizard import PUBLISH_QUESTION, UNTIED, LiveSettings, Wizard
 from wonderland_edge_agent.commissioning.offline import Calibrated, OfflineSettings, calibrate, write_record
@@ -211,14 +212,14 @@ def _live(
         mac = int(tag_mac, 16)
     except ValueError:
         raise click.UsageError(f"--tag-mac {tag_mac!r}: up to four hexadecimal digits") from None
-    listen, file = _reference(reference)
+    live, file = _reference(reference)
     return LiveSettings(
         pad=pad,
         state=state,
         anchors=anchors,
         origin=None if origin is None else parse_origin(origin),
         tag_mac=mac,
-        reference_listen=listen,
+        reference_live=live,
         reference_file=file,
         reach_m=reach,
         truth_shift_s=None if truth_shift in {None, "auto"} else float(truth_shift or 0.0),
@@ -231,18 +232,19 @@ def _live(
     )
 
 
-def _reference(text: str | None) -> tuple[tuple[str, int] | None, Path | None]:
+def _reference(text: str | None) -> tuple[Source | None, Path | None]:
     if text is None:
         return None, None
-    if not text.startswith("udp:"):
-        path = Path(text)
-        if not path.is_file():
-            raise click.UsageError(f"--reference {text}: there is no such file; live positions are udp:HOST:PORT")
-        return None, path
-    host, _, port = text[4:].rpartition(":")
-    if not (port.isascii() and port.isdigit() and int(port) < 65_536):
-        raise click.UsageError(f"--reference {text}: is not udp:HOST:PORT, as udp:0.0.0.0:5490")
-    return (host.strip("[]") or "0.0.0.0", int(port)), None  # noqa: S104 - whoever knows the position sends it
+    try:
+        source = parse_source(text)
+    except ValueError as error:
+        raise click.UsageError(f"--reference {error}") from None
+    if source is not None:
+        return source, None
+    path = Path(text)
+    if not path.is_file():
+        raise click.UsageError(f"--reference {text}: there is no such file; give {FORMS}")
+    return None, path
 
 
 def _offline(

@@ -10,12 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from wonderland.clock import Clock
-from wonderland.proofs.records.pads import Frame
 from wonderland.uwb.agreed import pad_ability
 from wonderland.uwb.blinks import BLINK_SLOTS, BlinkPlan, blinks_beside
-from wonderland_edge_agent.commissioning.errors import RadioError, TruthError
+from wonderland_edge_agent.commissioning.errors import RadioError
 from wonderland_edge_agent.commissioning.live.recorder import RunRecorder
-from wonderland_edge_agent.commissioning.reference import datagram
 from wonderland_edge_agent.radios import AnchorPort
 from wonderland_edge_agent.radios.between import COMMON, Common, common_of, ranging_config
 from wonderland_fira_uci.errors import RangingPlanError, UwbError
@@ -204,53 +202,6 @@ async def _listen_to_blinks(
     return [
         asyncio.create_task(_read_stamps(session, name, plan.tag_mac, recorder)) for name, session in opened if name
     ]
-
-
-@contextlib.asynccontextmanager
-async def listen(
-    address: tuple[str, int], frame: Frame | None, recorder: RunRecorder, *, clock: Clock
-) -> AsyncIterator[LiveReference]:
-    """Positions by UDP into the recorder. Raises RadioError where the address is taken."""
-    loop = asyncio.get_running_loop()
-    try:
-        transport, protocol = await loop.create_datagram_endpoint(
-            lambda: LiveReference(frame, recorder, clock), local_addr=address
-        )
-    except OSError as error:
-        raise RadioError(
-            f"reference: {address[0]}:{address[1]} cannot be listened to ({error.strerror or error})"
-        ) from error
-    try:
-        yield protocol
-    finally:
-        transport.close()
-
-
-class LiveReference(asyncio.DatagramProtocol):
-    """One position in each datagram. ``bad`` counts those that were none, ``problem`` says what the last one was."""
-
-    def __init__(self, frame: Frame | None, recorder: RunRecorder, clock: Clock) -> None:
-        self.bad = 0
-        self.problem = ""
-        self.address: tuple[str, int] = ("", 0)
-        self._frame = frame
-        self._recorder = recorder
-        self._clock = clock
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The socket is bound."""
-        self.address = transport.get_extra_info("sockname")[:2]
-
-    def datagram_received(self, data: bytes, addr: object) -> None:
-        """Hand a position to the recorder; what is none is counted, and why is kept."""
-        del addr
-        try:
-            t_s, point = datagram(data, self._frame, self._clock() / 1000)
-        except TruthError as error:
-            self.bad += 1
-            self.problem = str(error)
-            return
-        self._recorder.reference(t_s, point)
 
 
 async def _read(session: UwbSession, name: str, tag_mac: int, recorder: RunRecorder) -> None:

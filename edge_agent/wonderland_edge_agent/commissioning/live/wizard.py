@@ -25,15 +25,14 @@ from wonderland_edge_agent.commissioning.fit import FitSettings
 from wonderland_edge_agent.commissioning.live.dialogue import Dialogue
 from wonderland_edge_agent.commissioning.live.publish import Operator, publish
 from wonderland_edge_agent.commissioning.live.radios import (
-    LiveReference,
     TagPlan,
     common_to,
-    listen,
     open_nodes,
     recorded_ability,
     run,
 )
 from wonderland_edge_agent.commissioning.live.recorder import RunRecorder, middle_of
+from wonderland_edge_agent.commissioning.live.references import Live, Source
 from wonderland_edge_agent.commissioning.live.state import STEPS, StateDirectory, fingerprint, time_stamps_of
 from wonderland_edge_agent.commissioning.offline import Calibrated, Files, calibrate_runs, write_json, write_record
 from wonderland_edge_agent.commissioning.survey_files import Origin, Survey, SurveyedAnchor, load_survey
@@ -66,7 +65,7 @@ class LiveSettings:
     tag_port: str | Opener = ""
     """Where the tag hangs; empty: on another computer."""
     tag_mac: int = 0xD001
-    reference_listen: tuple[str, int] | None = None
+    reference_live: Source | None = None
     reference_file: Path | None = None
     seconds: float = 0.0
     """Length of the run; 0: until it is stopped."""
@@ -208,7 +207,7 @@ class Wizard:
             key_file = settings.state / KEY_FILE
             write_atomic(key_file, plan.key.hex().encode() + b"\n", PRIVATE)
             self._dialogue.say(f"Where the tag hangs, with a copy of {key_file}:\n  {plan.command(key_file)}")
-        if settings.reference_listen is None and settings.reference_file is None:
+        if settings.reference_live is None and settings.reference_file is None:
             self._dialogue.warn("No --reference: record it elsewhere on this clock, and give the file afterwards.")
         ranges, reference = self._state.next_run()
         self.stop.clear()
@@ -225,7 +224,7 @@ class Wizard:
                     while not ranging.done():
                         await asyncio.wait({ranging}, timeout=SHOW_S)
                         seconds = (self._clock() - started_ms) / 1000
-                        problem = "" if live is None or live.address == ("", 0) else live.problem
+                        problem = "" if live is None else live.problem
                         self._dialogue.progress(recorder, seconds, settings.reach_m, problem)
                         if settings.seconds and seconds >= settings.seconds:
                             self.stop.set()
@@ -258,11 +257,11 @@ class Wizard:
             yield node
 
     @contextlib.asynccontextmanager
-    async def _reference(self, frame: Frame | None, recorder: RunRecorder) -> AsyncIterator[LiveReference | None]:
-        if self._settings.reference_listen is None:
+    async def _reference(self, frame: Frame | None, recorder: RunRecorder) -> AsyncIterator[Live | None]:
+        if self._settings.reference_live is None:
             yield None
             return
-        async with listen(self._settings.reference_listen, frame, recorder, clock=self._clock) as live:
+        async with self._settings.reference_live.open(frame, recorder, self._clock) as live:
             self.reference_address = live.address
             try:
                 yield live
