@@ -42,17 +42,19 @@ class Drone:
         self.armed, self.on_ground, self.failsafe, self.down, self.obeys = True, False, False, 0, obeys
         self.now_ms = 1_000_000
         self.orders = []
+        self.told_mode = None
 
     @property
     def seen(self):
+        """What is known of it; its mode may be an old one."""
         lat, lon, height = to_wgs84(FRAME, *self.local)
         claim = Claim(
             lat_e7=lat, lon_e7=lon, height_mm=height, accuracy_mm=500, height_accuracy_mm=500, t_ms=self.now_ms
         )
         return Vehicle(
             stack=ARDUPILOT,
-            mode=self.mode,
-            custom_mode=NUMBERS[self.mode],
+            mode=self.told_mode or self.mode,
+            custom_mode=NUMBERS[self.told_mode or self.mode],
             armed=self.armed,
             on_ground=self.on_ground,
             landing=self.mode is Mode.LANDING,
@@ -273,6 +275,23 @@ def test_an_order_without_effect_is_given_again_and_is_no_pilots_will():
     drone.on_ground = True
     drone.look()
     assert drone.orders[-1].cause == "not_held"
+
+
+def test_a_landing_that_is_known_before_its_mode_is_no_pilots_will():
+    drone = Drone()
+    drone.mode, drone.told_mode, drone.down, drone.obeys = Mode.LANDING, Mode.MISSION, 700, False
+    drone.look(2)
+    assert drone.kinds() == [GoTo], "it says that it lands; the mode that it told a second ago is another"
+    drone.told_mode = None
+    drone.look(5)
+    assert drone.keeper.phase is Phase.TO_GATE
+    drone.obeys = True
+    drone.look(AGAIN_MS // 100)
+    assert (drone.mode, drone.keeper.phase) == (Mode.HELD, Phase.TO_GATE)
+    drone.look(2)
+    drone.mode = Mode.LANDING
+    drone.look()
+    assert drone.keeper.phase is Phase.OVERRIDDEN, "it had obeyed: this is somebody's will"
 
 
 def test_wind_that_keeps_it_from_the_gate_does_not_keep_it_from_its_proof():

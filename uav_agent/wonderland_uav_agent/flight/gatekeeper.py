@@ -342,7 +342,11 @@ class Gatekeeper:
             return False
         if self._obeyed:
             return True
-        if self._before is not None and now_ms - self._since_ms <= OBEYED_MS:
+        recent = now_ms - self._since_ms <= OBEYED_MS
+        if self._before is None and recent and vehicle.mode is Mode.LANDING:
+            # That it lands is told several times a second, its mode once: the news of what it was stopped for.
+            self._from_mode = vehicle.custom_mode
+        if self._before is not None and recent:
             return vehicle.mode is not _WANTED[type(self._before)] and vehicle.custom_mode != self._from_mode
         return vehicle.custom_mode != self._from_mode
 
