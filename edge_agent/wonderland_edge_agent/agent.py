@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from wonderland_edge_agent.local_reports import LocalReports
     from wonderland_edge_agent.permission import Permission
     from wonderland_edge_agent.receiver import RemoteIdReceiver
+    from wonderland_edge_agent.references.live import LiveTruth
     from wonderland_edge_agent.session.timing import PadTiming
     from wonderland_edge_agent.spool import Spool
     from wonderland_fabric_gateway.checkpoints import Checkpointer
@@ -103,6 +104,7 @@ class PadAgent:
         hear_each_other: Callable[[str], bool] = lambda _: False,
         region: str | None = None,
         local: LocalReports | None = None,
+        truth: LiveTruth | None = None,
         random_octets: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.pad_id: Final = pad_id
@@ -121,7 +123,7 @@ class PadAgent:
         self._roll_call_every_s = roll_call_every_s
         self._hear_each_other = hear_each_other
         self._random_octets = random_octets
-        self._reporter = SpoolReporter(spool, receiver.signature, local=local)
+        self._reporter = SpoolReporter(spool, receiver.signature, local=local, truth=truth)
         self._prekeys = PrekeyKeeper(pad_id, spool, ledger, clock, prekeys)
         self._reconciler = Reconciler(ledger, self._reporter, clock)
         self._to_witness: asyncio.Queue[Session] = asyncio.Queue(MAX_WITNESSED)

@@ -32,8 +32,9 @@ from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway
 
 if TYPE_CHECKING:
+    from wonderland_edge_agent.references.live import LiveTruth
     from wonderland_edge_agent.session.timing import PadTiming
-    from wonderland_edge_agent.settings import PadSettings
+    from wonderland_edge_agent.settings import PadSettings, TruthSettings
     from wonderland_edge_agent.uplink import Uplink
     from wonderland_fabric_gateway.identity import Identity
     from wonderland_fabric_gateway.signing import Signer
@@ -113,7 +114,27 @@ async def _open(settings: PadSettings, stack: contextlib.AsyncExitStack, timing:
         hear_each_other=partial(hear_each_other, settings.baseline_file),
         region=settings.uwb.region if isinstance(radios, PadRadios) else None,
         local=local,
+        truth=await _truth(settings.truth, stack, clock),
     )
+
+
+async def _truth(settings: TruthSettings, stack: contextlib.AsyncExitStack, clock: SteadyClock) -> LiveTruth | None:
+    """The reference, followed beside everything else; None where there is none."""
+    if settings.reference is None:
+        return None
+    # For trials: other pads need not carry what commissioning has.
+    from wonderland_edge_agent.references.live import LiveTruth, follow  # noqa: PLC0415
+    from wonderland_edge_agent.references.sources import parse_source  # noqa: PLC0415
+
+    source = parse_source(settings.reference)
+    assert source is not None  # by the settings' own check
+    try:
+        truth = LiveTruth(settings.delay_ms, settings.record)
+    except OSError as cause:
+        raise AgentError(f"truth.record: {settings.record} cannot be written ({cause.strerror or cause})") from cause
+    stack.callback(truth.close)
+    stack.push_async_callback(_ended, asyncio.create_task(follow(source, truth, clock)))
+    return truth
 
 
 async def _radios(settings: PadSettings, stack: contextlib.AsyncExitStack, clock: SteadyClock) -> PadRadiosPort:

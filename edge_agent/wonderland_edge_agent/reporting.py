@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from wonderland.proofs.records.sessions import Session
     from wonderland.telemetry import Body
     from wonderland_edge_agent.local_reports import LocalReports
+    from wonderland_edge_agent.references.live import LiveTruth
     from wonderland_edge_agent.session import actions as do
     from wonderland_edge_agent.spool import Spool
 
@@ -28,14 +29,20 @@ class SpoolReporter:
     """A session's reporter; ``drain`` waits until all that was reported is durable.
 
     ``signature`` tells who signed a drone's broadcasts since a time: with a session's end that binds who said it to
-    what was measured. ``local`` hears the same, for other programs of this machine.
+    what was measured. ``local`` hears the same, for other programs of this machine. ``truth``: shown beside estimates.
     """
 
     def __init__(
-        self, spool: Spool, signature: SignatureSince | None = None, *, local: LocalReports | None = None
+        self,
+        spool: Spool,
+        signature: SignatureSince | None = None,
+        *,
+        local: LocalReports | None = None,
+        truth: LiveTruth | None = None,
     ) -> None:
         self._spool = spool
         self._local = local
+        self._truth = truth
         self._signature = signature
         self._signatures: dict[str, Signature] = {}
         self._writes: set[asyncio.Task[None]] = set()
@@ -57,6 +64,8 @@ class SpoolReporter:
         verdict = report.verdict
         if verdict.estimate is None or verdict.covariance is None:
             return
+        at = report.t_ms if verdict.estimate_ms is None else verdict.estimate_ms
+        true = None if self._truth is None else self._truth.at(at)
         body = Estimate(
             session_id=session.session_id,
             uav_id=session.uav_id,
@@ -70,6 +79,8 @@ class SpoolReporter:
             rounds=verdict.rounds,
             likelihood_ppm=verdict.signed.likelihood_ppm if verdict.signed is not None else 0,
             ranges=report.ranges,
+            truth_east_mm=None if true is None else round(1000 * true[0]),
+            truth_north_mm=None if true is None else round(1000 * true[1]),
         )
         self.offer(report.t_ms, body)
 

@@ -32,6 +32,11 @@ topics = ["dronescout/#"]
 every_s = 600                           # how often the anchors range each other when no drone is there; 0: never
 roll_call_every_s = 10                  # how often a short look says whether all of them still range; 0: never
 
+[truth]                                 # a motion capture, for trials: shown beside the estimates, and judges nothing
+reference = "natnet:192.0.2.7#3"        # or ros2:/drone/pose, udp:127.0.0.1:5490
+delay_ms = 12                           # optional: as `pad commission` finds it
+record = "truth.csv"                    # optional: a file to which every position is added
+
 [backend]
 url = "wss://console.example/ingest"    # optional: where telemetry goes
 tls_ca = "console-ca.pem"               # optional: its certificate authority, where it is not a public one
@@ -144,6 +149,34 @@ class DriftSettings(Table, frozen=True):
     """How often it is seen, while no drone is there, whether all nodes that answer also range; 0: never."""
 
 
+class TruthSettings(Table, frozen=True):
+    """``[truth]``: a motion capture or another reference, shown beside the estimates. It judges nothing."""
+
+    reference: Text | None = None
+    """``natnet:HOST[:PORT][#BODY]``, ``ros2:/TOPIC`` or ``udp:HOST:PORT``, in the survey’s frame; left out: none."""
+    delay_ms: Annotated[int, Meta(ge=-10_000, le=10_000)] = 0
+    """So old a position is when it comes, as ``pad commission`` finds it."""
+    record: Path | None = None
+    """A CSV to which every position is added, as ``--reference`` takes it; left out: none."""
+
+    def __post_init__(self) -> None:
+        if self.reference is None:
+            if self.record is not None:
+                raise FieldError("truth.record is given, and no truth.reference to record")
+            return
+        from wonderland_edge_agent.references.sources import (  # noqa: PLC0415 - few pads have one
+            FORMS,
+            parse_source,
+        )
+
+        try:
+            source = parse_source(self.reference)
+        except ValueError as error:
+            raise FieldError(f"truth.reference: {error}") from None
+        if source is None:
+            raise FieldError(f"truth.reference: {self.reference} is a file; live it is {FORMS.removeprefix('a CSV, ')}")
+
+
 class BackendSettings(Table, frozen=True):
     """``[backend]``: where telemetry goes."""
 
@@ -188,6 +221,7 @@ class PadSettings(Table, frozen=True):
     remote_id: ReceiverSettings = ReceiverSettings()
     backend: BackendSettings = BackendSettings()
     drift: DriftSettings = DriftSettings()
+    truth: TruthSettings = TruthSettings()
     metrics_file: Path | None = None
     """Where the agent writes its metrics for the node exporter's textfile collector; left out: nowhere."""
     local_reports: Path | None = None

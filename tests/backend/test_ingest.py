@@ -71,7 +71,7 @@ async def test_records_are_taken_in_and_shown_as_unverified(running, agent_clien
         answer = await agent.report(
             ("track", TRACK),
             ("track", TRACK | {"lat_e7": 604_518_001}),
-            ("estimate", estimate(session_id)),
+            ("estimate", estimate(session_id, truth_east_mm=30, truth_north_mm=980)),
             ("step", step(session_id, "match", detail="codes agree")),
             ("health", HEALTH),
             ("session_end", {"session_id": session_id, "state": "cancelled", "end": "timeout", "steps": []}),
@@ -85,6 +85,7 @@ async def test_records_are_taken_in_and_shown_as_unverified(running, agent_clien
         assert (await running.json("/drones/uav-1"))["track"] == track
         detail = await running.json(f"/sessions/{session_id}")
         assert detail["estimates"][0]["verified"] is False
+        assert detail["estimates"][0]["truth_north_mm"] == 980
         assert detail["reported_ends"] == [
             {"source": "pad", "t_ms": START_MS, "state": "cancelled", "end": "timeout", "verified": False}
         ]

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import json
 import math
+from functools import partial
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wonderland_edge_agent.commissioning.errors import SurveyError, TruthError
-from wonderland_edge_agent.commissioning.reference import datagram, load_track
+from wonderland_edge_agent.commissioning.live.wizard import _place_of
+from wonderland_edge_agent.commissioning.reference import load_track
 from wonderland_edge_agent.commissioning.survey_files import Origin, globe_of, load_survey, local_of, parse_origin
+from wonderland_edge_agent.references import PositionError
+from wonderland_edge_agent.references.datagrams import position
 
 ORIGIN = Origin(60.4503100, 22.2712400, 31.0)
 PLACES = {"A1": (1.6, 1.6, 1.6), "A2": (-1.6, 1.6, 0.25), "A3": (-1.6, -1.6, 0.25), "A4": (1.6, -1.6, 0.25)}
@@ -218,15 +222,15 @@ class TestReferences:
 
     def test_datagrams(self):
         frame = ORIGIN.frame
-        assert datagram(b'{"x":1,"y":2,"z":3}', None, 7.0) == (7.0, (1.0, 2.0, 3.0))
-        assert datagram(b'{"t":5,"x":1,"y":2,"z":3}', None, 7.0)[0] == 5.0
+        assert position(b'{"x":1,"y":2,"z":3}', None, 7.0) == (7.0, (1.0, 2.0, 3.0))
+        assert position(b'{"t":5,"x":1,"y":2,"z":3}', None, 7.0)[0] == 5.0
         pose = {"header": {}, "pose": {"position": {"x": 1, "y": 2, "z": 3}}}
-        assert datagram(json.dumps(pose).encode(), None, 7.0)[1] == (1.0, 2.0, 3.0)
+        assert position(json.dumps(pose).encode(), None, 7.0)[1] == (1.0, 2.0, 3.0)
         lat, lon, height = globe_of(frame, (4.0, 5.0, 6.0))
         place = json.dumps({"lat": lat, "lon": lon, "height": height}).encode()
-        assert datagram(place, frame, 7.0)[1] == pytest.approx((4, 5, 6), abs=1e-3)
-        with pytest.raises(TruthError, match="--origin"):
-            datagram(place, None, 7.0)
+        assert position(place, partial(_place_of, frame), 7.0)[1] == pytest.approx((4, 5, 6), abs=1e-3)
+        with pytest.raises(PositionError, match="--origin"):
+            position(place, None, 7.0)
 
     @given(
         st.binary(max_size=64)
@@ -242,7 +246,7 @@ class TestReferences:
     @settings(max_examples=150, deadline=None)
     def test_any_datagram_is_a_position_or_a_typed_error(self, data):
         try:
-            t_s, point = datagram(data, ORIGIN.frame, 7.0)
-        except TruthError:
+            t_s, point = position(data, partial(_place_of, ORIGIN.frame), 7.0)
+        except PositionError:
             return
         assert all(math.isfinite(value) for value in (t_s, *point))

@@ -22,10 +22,10 @@ from wonderland_chaincode.contract import CONTRACT
 from wonderland_edge_agent.commissioning.errors import PublishError, RadioError, StateError, SurveyError
 from wonderland_edge_agent.commissioning.live.publish import Operator
 from wonderland_edge_agent.commissioning.live.radios import TagPlan
-from wonderland_edge_agent.commissioning.live.references import UdpSource
 from wonderland_edge_agent.commissioning.live.wizard import LiveSettings, Wizard
 from wonderland_edge_agent.commissioning.survey_files import Origin
 from wonderland_edge_agent.radios.between import Common
+from wonderland_edge_agent.references.sources import UdpSource
 from wonderland_edge_agent.settings import parse
 from wonderland_edge_agent.spool.lock import ProcessLock
 from wonderland_fabric_gateway.embedded.node import EmbeddedLedger, LedgerSettings

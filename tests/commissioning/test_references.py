@@ -17,11 +17,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from kit.ros2 import SdkPeer, parts_of, router
 
-from wonderland_edge_agent.commissioning import natnet
-from wonderland_edge_agent.commissioning.errors import RadioError, TruthError
-from wonderland_edge_agent.commissioning.live import references
-from wonderland_edge_agent.commissioning.live.references import NatNetSource, Ros2Source, UdpSource, parse_source
-from wonderland_edge_agent.commissioning.natnet import Body, Server
+from wonderland_edge_agent.references import PositionError, SourceError, natnet, sources
+from wonderland_edge_agent.references.natnet import Body, Server
+from wonderland_edge_agent.references.sources import NatNetSource, Ros2Source, UdpSource, parse_source
 
 ONE = (1.0, 0.5, -2.0)
 """As Motive has it: y points up."""
@@ -73,18 +71,18 @@ def test_what_a_server_says_of_itself():
     assert natnet.server_info(info((4, 1))) == Server((4, 1), None)
     assert natnet.server_info(info((2, 7))) == Server((2, 7), None)
     assert natnet.server_info(frame((3, 0))) is None
-    with pytest.raises(TruthError, match="too old"):
+    with pytest.raises(PositionError, match="too old"):
         natnet.server_info(info((2, 5)))
-    with pytest.raises(TruthError, match=r"192\.0\.2\.1"):
+    with pytest.raises(PositionError, match=r"192\.0\.2\.1"):
         natnet.server_info(info((3, 1), ("192.0.2.1", 1511)))
 
 
 @given(st.binary(max_size=400), st.sampled_from(VERSIONS), st.sampled_from([1, 7]))
 def test_any_bytes_are_refused_or_read_at_once(data, version, kind):
     for packet in (data, struct.pack("<HH", kind, len(data)) + data):
-        with contextlib.suppress(TruthError):
+        with contextlib.suppress(PositionError):
             natnet.bodies(packet, version)
-        with contextlib.suppress(TruthError):
+        with contextlib.suppress(PositionError):
             natnet.server_info(packet)
 
 
@@ -92,12 +90,12 @@ def test_any_bytes_are_refused_or_read_at_once(data, version, kind):
 def test_a_frame_cut_anywhere_is_refused_and_a_count_of_billions_costs_nothing(version):
     whole = frame(version, (3, ONE, 1))
     for end in range(len(whole)):
-        with pytest.raises(TruthError):
+        with pytest.raises(PositionError):
             natnet.bodies(whole[:end], version)
     for at in range(4, len(whole) - 64, 4):
         lying = whole[:at] + b"\xff\xff\xff\xff" + whole[at + 4 :]
         began = time.monotonic()
-        with contextlib.suppress(TruthError):
+        with contextlib.suppress(PositionError):
             natnet.bodies(lying, version)
         assert time.monotonic() - began < 1.0
 
@@ -222,11 +220,11 @@ async def test_whoever_else_sends_there_is_not_the_motion_capture():
 
 
 async def test_where_no_server_answers_it_says_so(monkeypatch):
-    monkeypatch.setattr(references, "ANSWER_S", 0.3)
-    with pytest.raises(RadioError, match="does Motive stream"):
+    monkeypatch.setattr(sources, "ANSWER_S", 0.3)
+    with pytest.raises(SourceError, match="does Motive stream"):
         async with NatNetSource("127.0.0.1", 9).open(None, Recorder(), clock):
             pass
-    with pytest.raises(RadioError, match=r"nowhere\.invalid is not known"):
+    with pytest.raises(SourceError, match=r"nowhere\.invalid is not known"):
         async with NatNetSource("nowhere.invalid").open(None, Recorder(), clock):
             pass
 
@@ -287,7 +285,7 @@ async def test_a_pose_of_ros_2_from_a_peer_that_is_none_of_ours():
         Ros2Source("/drone/pose", where.endpoint).open(None, recorder, clock) as live,
         SdkPeer.at(where) as peer,
     ):
-        await peer.asked("advertise", topic="/drone/pose", **parts_of(references.POSE))
+        await peer.asked("advertise", topic="/drone/pose", **parts_of(sources.POSE))
         await asyncio.sleep(0.5)
         seconds = int(time.time()) - 1
         for stamped, east in ((seconds, 1.0), (5, 2.0)):
@@ -327,6 +325,6 @@ def test_what_is_none_says_what_to_give(text):
 
 
 async def test_a_topic_that_is_none():
-    with pytest.raises(RadioError, match="no topic"):
+    with pytest.raises(SourceError, match="no topic"):
         async with Ros2Source("pose").open(None, Recorder(), clock):
             pass

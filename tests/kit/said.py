@@ -158,6 +158,7 @@ async def by_the_reporter() -> list[tuple[str, int, str]]:
         covariance=SimpleNamespace(ee_mm2=100, en_mm2=-5, nn_mm2=90),
         rounds=12,
         signed=SimpleNamespace(likelihood_ppm=900_000),
+        estimate_ms=None,
     )
     reporter.estimate(SESSION, do.ReportEstimate(verdict, {"A1": -1, "A0": 4_000}, T0 + 3))
     steps = {"poll": T0 + 1, "range": T0 + 2}

@@ -120,6 +120,10 @@ class Estimate(ApiModel):
     rounds: int
     likelihood_ppm: int
     ranges: dict[str, int] = Field(description="Last range of each anchor, mm")
+    truth_east_mm: int | None = Field(
+        default=None, description="Where the pad’s reference (motion capture) has the drone then, in the pad’s frame"
+    )
+    truth_north_mm: int | None = None
     verified: Literal[False]
 
 

@@ -19,12 +19,12 @@ from wonderland_edge_agent.commissioning.errors import CommissioningError, Surve
 from wonderland_edge_agent.commissioning.fit import FitSettings
 from wonderland_edge_agent.commissioning.live.ask import ask_nodes
 from wonderland_edge_agent.commissioning.live.publish import Operator, publish
-from wonderland_edge_agent.commissioning.live.references import FORMS, Source, parse_source
 from wonderland_edge_agent.commissioning.live.terminal import Terminal
 from wonderland_edge_agent.commissioning.live.wizard import PUBLISH_QUESTION, UNTIED, LiveSettings, Wizard
 from wonderland_edge_agent.commissioning.offline import Calibrated, OfflineSettings, calibrate, write_record
 from wonderland_edge_agent.commissioning.show import show
 from wonderland_edge_agent.commissioning.survey_files import load_survey, parse_origin
+from wonderland_edge_agent.references.sources import FORMS, Source, parse_source
 from wonderland_edge_agent.settings import PadSettings, load
 
 NO_GO: Final = 3

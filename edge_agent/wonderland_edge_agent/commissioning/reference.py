@@ -8,7 +8,6 @@ export of Motive (NatNet's server), whose header has several rows.
 from __future__ import annotations
 
 import csv
-import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -19,7 +18,6 @@ from wonderland_edge_agent.commissioning.errors import SurveyError, TruthError
 from wonderland_edge_agent.commissioning.recording import MAX_ROWS, Point, Track
 from wonderland_edge_agent.commissioning.survey_files import local_of
 
-MAX_DATAGRAM_OCTETS: Final = 2_048
 _NS_PER_S: Final = 1e9
 _NANOSECONDS: Final = 1e14
 """A time stamp above this is nanoseconds, whatever its column says."""
@@ -64,41 +62,6 @@ def load_track(path: Path, frame: Frame | None = None) -> Track:
     if len(times) < 2:
         raise TruthError(f"{path}: {len(times)} positions; a track needs more")
     return Track(tuple(times), tuple(points))
-
-
-def datagram(data: bytes, frame: Frame | None, received_s: float) -> tuple[float, Point]:
-    """A live position: JSON with ``x, y, z`` or ``lat, lon, height``, and ``t`` (s) if the sender's clock is ours.
-
-    Raises TruthError.
-    """
-    try:
-        value = json.loads(data[:MAX_DATAGRAM_OCTETS])
-    except (ValueError, RecursionError):
-        raise TruthError("a datagram that is no JSON") from None
-    if not isinstance(value, dict):
-        raise TruthError("a datagram that is no JSON object")
-    if isinstance(value.get("pose"), dict):  # a PoseStamped as rosbridge has it
-        inner = value["pose"].get("position", value["pose"])
-        value = inner if isinstance(inner, dict) else {}
-    try:
-        if "lat" in value:
-            if frame is None:
-                raise TruthError("positions on the globe, but the survey has no origin there (--origin)")
-            point = local_of(frame, _three(value, ("lat", "lon", "height")), "reference")
-        else:
-            point = _three(value, ("x", "y", "z"))
-        t_s = float(value.get("t", received_s))
-    except (KeyError, TypeError, ValueError):
-        raise TruthError("a datagram without x, y, z or lat, lon, height") from None
-    except SurveyError as error:
-        raise TruthError(str(error)) from error
-    if not all(math.isfinite(number) for number in (t_s, *point)):
-        raise TruthError("a datagram with numbers that are none")
-    return t_s, point
-
-
-def _three(value: dict[str, Any], names: tuple[str, str, str]) -> Point:
-    return (float(value[names[0]]), float(value[names[1]]), float(value[names[2]]))
 
 
 def _reader_of(path: Path, rows: Any, frame: Frame | None) -> Reader:

@@ -16,6 +16,8 @@ type Properties = {
   pad: Pad;
   claims: readonly PlotClaim[];
   estimate: PlotEstimate | undefined;
+  /** Where a reference has the drone, by the pad's word. */
+  truth?: Local | undefined;
 };
 
 const WIDTH = 404;
@@ -47,7 +49,7 @@ function place(x: number, y: number, text: string, below: boolean, taken: Label[
 }
 
 /** The pad's square metres: anchors, ranges, the claim with its buffer, the measurement with its ellipse. */
-export function PadPlot({ pad, claims, estimate }: Properties): ReactElement | null {
+export function PadPlot({ pad, claims, estimate, truth }: Properties): ReactElement | null {
   const anchors = pad.commissioning?.anchors ?? [];
   const reference: Local = estimate?.at ?? { east_mm: 0, north_mm: 0 };
   const isFar = ({ at }: PlotClaim): boolean =>
@@ -59,6 +61,7 @@ export function PadPlot({ pad, claims, estimate }: Properties): ReactElement | n
     ...anchors.map((at) => ({ at, reach: 300 })),
     ...near.map(({ at, radius_mm }) => ({ at, reach: radius_mm })),
     ...(estimate === undefined ? [] : [{ at: estimate.at, reach: Math.min(radius, 20_000) }]),
+    ...(truth === undefined ? [] : [{ at: truth, reach: 300 }]),
   ];
   if (claims.length === 0 && estimate === undefined) return null;
   const west = Math.min(...extents.map(({ at, reach }) => at.east_mm - reach));
@@ -150,6 +153,11 @@ export function PadPlot({ pad, claims, estimate }: Properties): ReactElement | n
             <Parts parts={measuredDiamond(estimate.tone, estimate.verified)} />
           </g>
         )}
+        {truth !== undefined && (
+          <path d={`M${x(truth) - 5} ${y(truth) - 5}l10 10m0 -10l-10 10`} stroke="var(--ink)" strokeWidth="1.6" data-testid="truth">
+            <title>{t("truth")}</title>
+          </path>
+        )}
         <g className="plot-labels" textAnchor="middle">
           {labels.map((label) => (
             <text key={label.text} x={label.x} y={label.y}>
@@ -160,6 +168,12 @@ export function PadPlot({ pad, claims, estimate }: Properties): ReactElement | n
       </svg>
       <figcaption className="num">
         {t("padFrame", { grid: length(step, true) })}
+        {truth !== undefined && estimate !== undefined && (
+          <span>
+            {" "}
+            · {t("truthError", { error: length(Math.hypot(truth.east_mm - estimate.at.east_mm, truth.north_mm - estimate.at.north_mm)) })}
+          </span>
+        )}
         {far.map((claim) => (
           <span key={claim.words}>
             {" "}

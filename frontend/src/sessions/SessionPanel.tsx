@@ -3,11 +3,11 @@ import type { ReactElement, ReactNode } from "react";
 import { placeHash } from "../shared/address/location";
 import { ReplayLink } from "../shared/ui/ReplayLink";
 import { useApi } from "../shared/api/api";
-import type { BroadcastFinding, HeightFinding, Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
+import type { BroadcastFinding, Estimate, HeightFinding, Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
 import { TONE_OF } from "../shared/design/symbols";
 import type { Drone, Look } from "../shared/drones";
 import { ago, coordinates, count, length, likelihood, speed } from "../shared/format";
-import { frameOf, toLocal } from "../shared/geo/frame";
+import { frameOf, toLocal, type Local } from "../shared/geo/frame";
 import { broadcastApart, heightOff, refutedBy } from "../shared/refuted";
 import { lookTexts } from "../shared/texts";
 import { Hash } from "../shared/ui/Hash";
@@ -200,6 +200,10 @@ function verdictPlot(verdict: VerdictSummary, pad: Pad): ReactElement {
   return <PadPlot pad={pad} claims={claims} estimate={measured} />;
 }
 
+function truthOf({ truth_east_mm, truth_north_mm }: Estimate): Local | undefined {
+  return truth_east_mm === undefined || truth_north_mm === undefined ? undefined : { east_mm: truth_east_mm, north_mm: truth_north_mm };
+}
+
 function livePlot(drone: Drone, pad: Pad, buffer_mm: number): ReactElement {
   const { track, estimate } = drone;
   const claims: PlotClaim[] = track ? [{ at: toLocal(frameOf(pad), track), tone: "accent", words: t("broadcast"), radius_mm: buffer_mm }] : [];
@@ -208,6 +212,7 @@ function livePlot(drone: Drone, pad: Pad, buffer_mm: number): ReactElement {
       pad={pad}
       claims={claims}
       estimate={estimate ? { at: estimate, covariance: estimate, tone: "accent", verified: false } : undefined}
+      truth={estimate ? truthOf(estimate) : undefined}
     />
   );
 }

@@ -7,6 +7,7 @@ import contextlib
 import secrets
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -32,13 +33,14 @@ from wonderland_edge_agent.commissioning.live.radios import (
     run,
 )
 from wonderland_edge_agent.commissioning.live.recorder import RunRecorder, middle_of
-from wonderland_edge_agent.commissioning.live.references import Live, Source
 from wonderland_edge_agent.commissioning.live.state import STEPS, StateDirectory, fingerprint, time_stamps_of
 from wonderland_edge_agent.commissioning.offline import Calibrated, Files, calibrate_runs, write_json, write_record
-from wonderland_edge_agent.commissioning.survey_files import Origin, Survey, SurveyedAnchor, load_survey
+from wonderland_edge_agent.commissioning.survey_files import Origin, Survey, SurveyedAnchor, load_survey, local_of
 from wonderland_edge_agent.drift.baseline import Baseline
 from wonderland_edge_agent.radios import AnchorPort
 from wonderland_edge_agent.radios.between import measure_between
+from wonderland_edge_agent.references import Point, PositionError, SourceError
+from wonderland_edge_agent.references.sources import Live, Source
 from wonderland_edge_agent.self_survey import Priors, SelfSurvey, self_survey
 from wonderland_edge_agent.settings import PadSettings
 from wonderland_fabric_gateway.files import PRIVATE, write_atomic
@@ -261,12 +263,20 @@ class Wizard:
         if self._settings.reference_live is None:
             yield None
             return
-        async with self._settings.reference_live.open(frame, recorder, self._clock) as live:
+        async with self._opened(self._settings.reference_live, frame, recorder) as live:
             self.reference_address = live.address
             try:
                 yield live
             finally:
                 self.reference_address = None
+
+    @contextlib.asynccontextmanager
+    async def _opened(self, source: Source, frame: Frame | None, recorder: RunRecorder) -> AsyncIterator[Live]:
+        try:
+            async with source.open(None if frame is None else partial(_place_of, frame), recorder, self._clock) as live:
+                yield live
+        except SourceError as error:
+            raise RadioError(str(error)) from error
 
     # --- 4. fit ----------------------------------------------------------------------------------------------------
 
@@ -386,3 +396,10 @@ def _survey_from(value: dict[str, Any]) -> Survey:
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise StateError(f"survey.json: holds no survey ({error}); --redo survey reads it again") from error
     return Survey(anchors, frame, notes)
+
+
+def _place_of(frame: Frame, place: Point) -> Point:
+    try:
+        return local_of(frame, place, "reference")
+    except SurveyError as error:
+        raise PositionError(str(error)) from error

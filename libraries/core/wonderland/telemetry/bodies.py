@@ -196,6 +196,10 @@ class Estimate(Message, frozen=True, kw_only=True):
         dict[AnchorId, Annotated[int, Meta(ge=-1, le=1_000_000)]],
         Meta(max_length=16, description="The latest range by anchor in mm; −1: none"),
     ]
+    truth_east_mm: (
+        Annotated[LocalMm, Meta(description="Where a reference has the drone then: motion capture")] | None
+    ) = None
+    truth_north_mm: LocalMm | None = None
 
 
 class Step(Message, frozen=True, kw_only=True):

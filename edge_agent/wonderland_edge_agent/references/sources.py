@@ -17,12 +17,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from wonderland.clock import Clock
-from wonderland.proofs.records.pads import Frame
-from wonderland_edge_agent.commissioning import natnet
-from wonderland_edge_agent.commissioning.errors import RadioError, TruthError
-from wonderland_edge_agent.commissioning.live.recorder import RunRecorder
-from wonderland_edge_agent.commissioning.recording import Point
-from wonderland_edge_agent.commissioning.reference import datagram
+from wonderland_edge_agent.references import Point, PositionError, SourceError, natnet
+from wonderland_edge_agent.references.datagrams import PlaceOf, position
 
 if TYPE_CHECKING:
     from wonderland_rmw_zenoh.node import Arrived
@@ -36,10 +32,18 @@ STAMPED_MS: Final = 10_000
 MAX_POSE_OCTETS: Final = 4_096
 
 
+class Taker(Protocol):
+    """Who is told positions."""
+
+    def reference(self, t_s: float, point: Point) -> None:
+        """One position."""
+        ...
+
+
 class Live:
     """A reference that runs. ``bad`` counts what was none, ``problem`` says what the last one was."""
 
-    def __init__(self, recorder: RunRecorder) -> None:
+    def __init__(self, recorder: Taker) -> None:
         self.address: tuple[str, int] = ("", 0)
         """Where it is heard, where that is an address."""
         self.bad = 0
@@ -63,8 +67,8 @@ class Live:
 class Source(Protocol):
     """What ``--reference`` says, if not a file."""
 
-    def open(self, frame: Frame | None, recorder: RunRecorder, clock: Clock) -> AbstractAsyncContextManager[Live]:
-        """Positions into the recorder. Raises RadioError where nothing will come."""
+    def open(self, place_of: PlaceOf | None, recorder: Taker, clock: Clock) -> AbstractAsyncContextManager[Live]:
+        """Positions into the recorder. Raises SourceError where nothing will come."""
         ...
 
 
@@ -75,12 +79,12 @@ class UdpSource:
     address: tuple[str, int]
 
     @contextlib.asynccontextmanager
-    async def open(self, frame: Frame | None, recorder: RunRecorder, clock: Clock) -> AsyncIterator[Live]:
-        """Listens. Raises RadioError where the address is taken."""
+    async def open(self, place_of: PlaceOf | None, recorder: Taker, clock: Clock) -> AsyncIterator[Live]:
+        """Listens. Raises SourceError where the address is taken."""
         live = Live(recorder)
 
         def heard(data: bytes, _: Any) -> None:
-            live.position(*datagram(data, frame, clock() / 1000))
+            live.position(*position(data, place_of, clock() / 1000))
 
         transport = await _endpoint(_Datagrams(live, heard), f"{self.address[0]}:{self.address[1]}", self.address)
         live.address = transport.get_extra_info("sockname")[:2]
@@ -99,9 +103,9 @@ class NatNetSource:
     body_id: int | None = None
 
     @contextlib.asynccontextmanager
-    async def open(self, frame: Frame | None, recorder: RunRecorder, clock: Clock) -> AsyncIterator[Live]:
-        """Connects. Raises RadioError where no server answers."""
-        del frame
+    async def open(self, place_of: PlaceOf | None, recorder: Taker, clock: Clock) -> AsyncIterator[Live]:
+        """Connects. Raises SourceError where no server answers."""
+        del place_of
         live = Live(recorder)
         answered: asyncio.Future[natnet.Server] = asyncio.get_running_loop().create_future()
 
@@ -142,7 +146,7 @@ class NatNetSource:
                     with contextlib.suppress(TimeoutError):
                         return await asyncio.wait_for(asyncio.shield(answered), 0.5)
         except TimeoutError:
-            raise RadioError(
+            raise SourceError(
                 f"reference: no NatNet server answers at {self.host}:{self.port}; does Motive stream (Data Streaming), "
                 "on that interface?"
             ) from None
@@ -166,9 +170,9 @@ class Ros2Source:
     router: str = ""
 
     @contextlib.asynccontextmanager
-    async def open(self, frame: Frame | None, recorder: RunRecorder, clock: Clock) -> AsyncIterator[Live]:
-        """Subscribes. Raises RadioError where that cannot be."""
-        del frame
+    async def open(self, place_of: PlaceOf | None, recorder: Taker, clock: Clock) -> AsyncIterator[Live]:
+        """Subscribes. Raises SourceError where that cannot be."""
+        del place_of
         try:
             from wonderland_rmw_zenoh.errors import Ros2Error  # noqa: PLC0415 - an extra
             from wonderland_rmw_zenoh.interfaces import Interfaces  # noqa: PLC0415
@@ -176,13 +180,13 @@ class Ros2Source:
             from wonderland_rmw_zenoh.session import ROUTER, Link  # noqa: PLC0415
             from wonderland_rmw_zenoh.wire import is_name  # noqa: PLC0415
         except ImportError:
-            raise RadioError(
+            raise SourceError(
                 '--reference ros2:…: install what it needs: pip install "wonderland-edge-agent[ros2]"'
             ) from None
         link = Link(connect=(self.router or ROUTER,))
         problem = link.problem() if is_name(self.topic) else f"{self.topic[:100]!r} is no topic"
         if problem:
-            raise RadioError(f"--reference ros2:{self.topic[:100]}: {problem}; give {FORMS}")
+            raise SourceError(f"--reference ros2:{self.topic[:100]}: {problem}; give {FORMS}")
         live, types = Live(recorder), Interfaces()
 
         async def heard(arrived: Arrived) -> None:
@@ -202,7 +206,7 @@ class Ros2Source:
                 node.subscribe(self.topic, heard, kind=types.message(POSE), max_message_bytes=MAX_POSE_OCTETS)
                 yield live
         except Ros2Error as cause:
-            raise RadioError(f"--reference ros2:{self.topic}: {cause}") from cause
+            raise SourceError(f"--reference ros2:{self.topic}: {cause}") from cause
 
 
 def parse_source(text: str) -> Source | None:
@@ -238,7 +242,7 @@ class _Datagrams(asyncio.DatagramProtocol):
         """Hand it on; what is none is counted, and why is kept."""
         try:
             self._heard(data, addr)
-        except TruthError as error:
+        except PositionError as error:
             self._live.failed(str(error))
 
 
@@ -250,7 +254,7 @@ async def _endpoint(
             lambda: protocol, local_addr=address, **more
         )
     except OSError as error:
-        raise RadioError(f"reference: {name} cannot be listened to ({error.strerror or error})") from error
+        raise SourceError(f"reference: {name} cannot be listened to ({error.strerror or error})") from error
     return transport
 
 
@@ -258,7 +262,7 @@ async def _address_of(host: str) -> str:
     try:
         found = await asyncio.get_running_loop().getaddrinfo(host, None, family=socket.AF_INET, type=socket.SOCK_DGRAM)
     except OSError as error:
-        raise RadioError(f"reference: {host} is not known ({error.strerror or error})") from error
+        raise SourceError(f"reference: {host} is not known ({error.strerror or error})") from error
     return str(found[0][4][0])
 
 
@@ -268,12 +272,12 @@ def _local_towards(host: str, port: int) -> str:
         try:
             probe.connect((host, port))
         except OSError as error:
-            raise RadioError(f"reference: {host} cannot be reached ({error.strerror or error})") from error
+            raise SourceError(f"reference: {host} cannot be reached ({error.strerror or error})") from error
         return str(probe.getsockname()[0])
 
 
 def _joined(group: tuple[str, int], here: str) -> socket.socket:
-    """A socket that hears what the server sends to all. Raises RadioError."""
+    """A socket that hears what the server sends to all. Raises SourceError."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -283,7 +287,7 @@ def _joined(group: tuple[str, int], here: str) -> socket.socket:
         made.setblocking(False)
     except OSError as error:
         made.close()
-        raise RadioError(f"reference: {group[0]}:{group[1]} cannot be joined ({error.strerror or error})") from error
+        raise SourceError(f"reference: {group[0]}:{group[1]} cannot be joined ({error.strerror or error})") from error
     return made
 
 

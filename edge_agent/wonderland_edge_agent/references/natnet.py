@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address
 from typing import Final
 
-from wonderland_edge_agent.commissioning.errors import TruthError
-from wonderland_edge_agent.commissioning.recording import Point
+from wonderland_edge_agent.references import Point, PositionError
 
 COMMAND_PORT: Final = 1510
 CONNECT: Final = struct.pack("<HH256s4B4B", 0, 264, b"Wonderland", 4, 1, 0, 0, 4, 1, 0, 0)
@@ -48,26 +47,26 @@ class Body:
 
 
 def server_info(packet: bytes) -> Server | None:
-    """None for another message. Raises TruthError for a server that is too old, or an answer that is none."""
+    """None for another message. Raises PositionError for a server that is too old, or an answer that is none."""
     kind, reader = _message(packet)
     if kind != _SERVER_INFO:
         return None
     reader.skip(_NAME_OCTETS + 4)
     major, minor, _, _ = reader.take("4B")
     if (major, minor) < _OLDEST:
-        raise TruthError(f"NatNet {major}.{minor} is too old; 2.6 is the least")
+        raise PositionError(f"NatNet {major}.{minor} is too old; 2.6 is the least")
     group = None
     if (major, minor) >= _WITHOUT_MARKERS and reader.left >= 15:
         _, port, many = reader.take("QH?")
         address = IPv4Address(reader.octets(4))
         if many and not address.is_multicast:
-            raise TruthError(f"the NatNet server names {address} as where its frames go to many")
+            raise PositionError(f"the NatNet server names {address} as where its frames go to many")
         group = (str(address), int(port)) if many else None
     return Server((int(major), int(minor)), group)
 
 
 def bodies(packet: bytes, version: tuple[int, int]) -> tuple[Body, ...] | None:
-    """The rigid bodies of a frame; None for another message. Raises TruthError for one that cannot be read."""
+    """The rigid bodies of a frame; None for another message. Raises PositionError for one that cannot be read."""
     kind, reader = _message(packet)
     if kind != _FRAME:
         return None
@@ -95,12 +94,12 @@ def _message(packet: bytes) -> tuple[int, _Reader]:
     reader = _Reader(packet)
     kind, size = reader.take("HH")
     if size > reader.left:
-        raise TruthError("a NatNet message that was cut off")
+        raise PositionError("a NatNet message that was cut off")
     return int(kind), reader
 
 
 class _Reader:
-    """Takes one thing after another. Raises TruthError at the end."""
+    """Takes one thing after another. Raises PositionError at the end."""
 
     def __init__(self, data: bytes) -> None:
         self._data = data
@@ -112,7 +111,7 @@ class _Reader:
 
     def octets(self, count: int) -> bytes:
         if count > self.left:
-            raise TruthError("a NatNet message that ends too soon")
+            raise PositionError("a NatNet message that ends too soon")
         self._at += count
         return self._data[self._at - count : self._at]
 
@@ -132,11 +131,11 @@ class _Reader:
         if version >= _WITH_SIZES:
             self.skip(4)
         if count > self.left:
-            raise TruthError("a NatNet message that ends too soon")
+            raise PositionError("a NatNet message that ends too soon")
         return range(count)
 
     def text(self) -> None:
         end = self._data.find(b"\0", self._at)
         if end < 0:
-            raise TruthError("a NatNet message that ends too soon")
+            raise PositionError("a NatNet message that ends too soon")
         self._at = end + 1
