@@ -129,7 +129,7 @@ async def _truth(settings: TruthSettings, stack: contextlib.AsyncExitStack, cloc
     source = parse_source(settings.reference)
     assert source is not None  # by the settings' own check
     try:
-        truth = LiveTruth(settings.delay_ms, settings.record)
+        truth = LiveTruth(settings.delay_ms, settings.record, settings.uav_id)
     except OSError as cause:
         raise AgentError(f"truth.record: {settings.record} cannot be written ({cause.strerror or cause})") from cause
     stack.callback(truth.close)

@@ -65,7 +65,7 @@ class SpoolReporter:
         if verdict.estimate is None or verdict.covariance is None:
             return
         at = report.t_ms if verdict.estimate_ms is None else verdict.estimate_ms
-        true = None if self._truth is None else self._truth.at(at)
+        true = None if self._truth is None else self._truth.of(session.uav_id, at)
         body = Estimate(
             session_id=session.session_id,
             uav_id=session.uav_id,

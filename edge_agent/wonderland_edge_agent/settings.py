@@ -34,6 +34,7 @@ roll_call_every_s = 10                  # how often a short look says whether al
 
 [truth]                                 # a motion capture, for trials: shown beside the estimates, and judges nothing
 reference = "natnet:192.0.2.7#3"        # or ros2:/drone/pose, udp:127.0.0.1:5490
+uav_id = "1AB0000001"                   # optional: whose place it is; else whichever drone proves itself
 delay_ms = 12                           # optional: as `pad commission` finds it
 record = "truth.csv"                    # optional: a file to which every position is added
 
@@ -154,6 +155,8 @@ class TruthSettings(Table, frozen=True):
 
     reference: Text | None = None
     """``natnet:HOST[:PORT][#BODY]``, ``ros2:/TOPIC`` or ``udp:HOST:PORT``, in the survey’s frame; left out: none."""
+    uav_id: Identifier | None = None
+    """The drone that it follows; left out: whichever proves itself."""
     delay_ms: Annotated[int, Meta(ge=-10_000, le=10_000)] = 0
     """So old a position is when it comes, as ``pad commission`` finds it."""
     record: Path | None = None

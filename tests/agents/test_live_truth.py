@@ -14,6 +14,7 @@ from kit.agents import decided
 from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.references import live as module
 from wonderland_edge_agent.references.live import KEPT_S, LiveTruth
+from wonderland_edge_agent.references.sources import UdpSource
 from wonderland_edge_agent.settings import parse
 
 
@@ -28,6 +29,29 @@ def test_a_place_between_two_positions_and_none_beyond_them_or_across_a_gap():
     truth.reference(11.3 + KEPT_S + 1, (4.0, 0.0, 0.5))
     assert truth.at(10_000) is None
     assert LiveTruth().at(10_000) is None
+
+
+def test_it_is_one_drones_where_it_says_whose():
+    truth = LiveTruth(uav_id="uav-1")
+    truth.reference(1.0, (1.0, 0.0, 0.5))
+    assert (truth.of("uav-1", 1_000), truth.of("uav-2", 1_000)) == ((1.0, 0.0, 0.5), None)
+
+
+async def test_a_liar_beside_the_motion_capture_neither_stops_it_nor_spoils_what_is_told():
+    """One datagram from tomorrow, or from a thousand kilometres off, and the next true one counts."""
+    now_ms, truth = 1_790_000_000_000, LiveTruth()
+    async with UdpSource(("127.0.0.1", 0)).open(None, truth, lambda: now_ms) as live:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as liar:
+            for lie in ({"t": now_ms / 1000 + 86_400, "x": 5.0}, {"x": 1e6}, {"x": math.nan}):
+                liar.sendto(json.dumps({"y": 0.0, "z": 0.5} | lie).encode(), live.address)
+            async with asyncio.timeout(5):
+                while live.bad < 2:
+                    await asyncio.sleep(0.01)
+            now_ms += 100
+            liar.sendto(b'{"x": 1.0, "y": 0.0, "z": 0.5}', live.address)
+            async with asyncio.timeout(5):
+                while truth.at(now_ms) != (1.0, 0.0, 0.5):
+                    await asyncio.sleep(0.01)
 
 
 def test_every_position_is_recorded_and_a_restart_goes_on(tmp_path):

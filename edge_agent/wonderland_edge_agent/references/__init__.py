@@ -10,4 +10,9 @@ from wonderland_edge_agent.references.errors import PositionError, SourceError
 Point = tuple[float, float, float]
 """East, north, up in the survey's frame (m)."""
 
-__all__ = ["Point", "PositionError", "SourceError"]
+LARGEST_M = 10_000.0
+"""Nothing that a pad can see is further from it."""
+STAMPED_S = 10.0
+"""A time further from this computer's clock than this is another clock's, or a lie; the arrival counts then."""
+
+__all__ = ["LARGEST_M", "STAMPED_S", "Point", "PositionError", "SourceError"]

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any, Final
 
-from wonderland_edge_agent.references import Point, PositionError
+from wonderland_edge_agent.references import STAMPED_S, Point, PositionError
 
 MAX_DATAGRAM_OCTETS: Final = 2_048
 PlaceOf = Callable[[Point], Point]
@@ -40,7 +40,7 @@ def position(data: bytes, place_of: PlaceOf | None, received_s: float) -> tuple[
         raise PositionError("a datagram without x, y, z or lat, lon, height") from None
     if not all(math.isfinite(number) for number in (t_s, *point)):
         raise PositionError("a datagram with numbers that are none")
-    return t_s, point
+    return received_s if abs(t_s - received_s) > STAMPED_S else t_s, point
 
 
 def _three(value: dict[str, Any], names: tuple[str, str, str]) -> Point:

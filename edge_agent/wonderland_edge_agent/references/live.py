@@ -30,14 +30,18 @@ GAP_S: Final = 0.5
 """Nothing is said of what lies between two positions that are further apart than this."""
 AGAIN_S: Final = 10.0
 MAX_FILE_OCTETS: Final = 1 << 30
-"""A day at 100 Hz is half of it."""
+"""Three days at 100 Hz."""
 
 
 class LiveTruth:
     """The last positions of a reference; `delay_ms`: so old they are when they come."""
 
-    def __init__(self, delay_ms: int = 0, record: Path | None = None) -> None:
-        """``record``: a file to which positions are added. Raises OSError where it cannot be written."""
+    def __init__(self, delay_ms: int = 0, record: Path | None = None, uav_id: str | None = None) -> None:
+        """``record``: a file to which positions are added; ``uav_id``: whose they are, None: whoever proves himself's.
+
+        Raises OSError where the file cannot be written.
+        """
+        self._uav_id = uav_id
         self.last_s = -math.inf
         """Of the reference's last position."""
         self._delay_s = delay_ms / 1000
@@ -61,6 +65,10 @@ class LiveTruth:
             self._times.popleft()
             self._points.popleft()
         self._write(t_s, point)
+
+    def of(self, uav_id: str, t_ms: int) -> Point | None:
+        """Where that drone was at a time (m); None where the reference is another one's, or says nothing."""
+        return self.at(t_ms) if self._uav_id in {None, uav_id} else None
 
     def at(self, t_ms: int) -> Point | None:
         """The place at a time (m), between the two positions about it; None where they are far apart, or none."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from ipaddress import IPv4Address
 from typing import Final
 
-from wonderland_edge_agent.references import Point, PositionError
+from wonderland_edge_agent.references import LARGEST_M, Point, PositionError
 
 COMMAND_PORT: Final = 1510
 CONNECT: Final = struct.pack("<HH256s4B4B", 0, 264, b"Wonderland", 4, 1, 0, 0, 4, 1, 0, 0)
@@ -27,7 +27,6 @@ _WITHOUT_MARKERS: Final = (3, 0)
 _WITH_SIZES: Final = (4, 1)
 """From here on each list says how long it is."""
 _TRACKED: Final = 1
-_LARGEST_M: Final = 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +85,7 @@ def _body(reader: _Reader, version: tuple[int, int]) -> Body:
         reader.skip(20 * markers)  # positions, ids, sizes
     reader.skip(4)  # mean error
     (state,) = reader.take("H")
-    known = int(state) & _TRACKED and all(math.isfinite(each) and abs(each) < _LARGEST_M for each in (x, y, z))
+    known = int(state) & _TRACKED and all(math.isfinite(each) and abs(each) < LARGEST_M for each in (x, y, z))
     return Body(int(body_id), (x, -z, y) if known else None)
 
 

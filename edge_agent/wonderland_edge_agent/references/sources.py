@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from wonderland.clock import Clock
-from wonderland_edge_agent.references import Point, PositionError, SourceError, natnet
+from wonderland_edge_agent.references import LARGEST_M, STAMPED_S, Point, PositionError, SourceError, natnet
 from wonderland_edge_agent.references.datagrams import PlaceOf, position
 
 if TYPE_CHECKING:
@@ -27,8 +27,6 @@ FORMS: Final = "a CSV, udp:HOST:PORT, natnet:HOST[:PORT][#BODY] or ros2:/TOPIC[@
 POSE: Final = "geometry_msgs/msg/PoseStamped"
 ANSWER_S: Final = 5.0
 KEEP_ALIVE_S: Final = 1.0
-STAMPED_MS: Final = 10_000
-"""A stamp further from this computer's clock than this is of another clock; the arrival counts then."""
 MAX_POSE_OCTETS: Final = 4_096
 
 
@@ -54,6 +52,9 @@ class Live:
         """One position."""
         if not all(math.isfinite(each) for each in (t_s, *point)):
             self.failed("a position with numbers that are none")
+            return
+        if max(map(abs, point)) > LARGEST_M:
+            self.failed(f"a position more than {LARGEST_M / 1000:.0f} km away")
             return
         self.problem = ""
         self._recorder.reference(t_s, point)
@@ -197,7 +198,7 @@ class Ros2Source:
             pose = kind.codec.decode(arrived.data)
             now_ms = clock()
             stamp_ms = pose.header.stamp.sec * 1_000 + pose.header.stamp.nanosec / 1e6
-            t_ms = stamp_ms if abs(now_ms - stamp_ms) <= STAMPED_MS else now_ms
+            t_ms = stamp_ms if abs(now_ms - stamp_ms) <= 1000 * STAMPED_S else now_ms
             place = pose.pose.position
             live.position(t_ms / 1000, (float(place.x), float(place.y), float(place.z)))
 

@@ -56,12 +56,14 @@ export function PadPlot({ pad, claims, estimate, truth }: Properties): ReactElem
     Math.hypot(at.east_mm - reference.east_mm, at.north_mm - reference.north_mm) > FAR_MM;
   const near = claims.filter((claim) => !isFar(claim));
   const far = claims.filter(isFar);
+  // One that lies far off is told by its distance alone: drawn, it would leave no room for the rest.
+  const cross = truth !== undefined && Math.hypot(truth.east_mm - reference.east_mm, truth.north_mm - reference.north_mm) <= FAR_MM ? truth : undefined;
   const radius = estimate?.covariance === undefined ? 0 : ellipse(estimate.covariance).major_mm;
   const extents: { at: Local; reach: number }[] = [
     ...anchors.map((at) => ({ at, reach: 300 })),
     ...near.map(({ at, radius_mm }) => ({ at, reach: radius_mm })),
     ...(estimate === undefined ? [] : [{ at: estimate.at, reach: Math.min(radius, 20_000) }]),
-    ...(truth === undefined ? [] : [{ at: truth, reach: 300 }]),
+    ...(cross === undefined ? [] : [{ at: cross, reach: 300 }]),
   ];
   if (claims.length === 0 && estimate === undefined) return null;
   const west = Math.min(...extents.map(({ at, reach }) => at.east_mm - reach));
@@ -153,8 +155,8 @@ export function PadPlot({ pad, claims, estimate, truth }: Properties): ReactElem
             <Parts parts={measuredDiamond(estimate.tone, estimate.verified)} />
           </g>
         )}
-        {truth !== undefined && (
-          <path d={`M${x(truth) - 5} ${y(truth) - 5}l10 10m0 -10l-10 10`} stroke="var(--ink)" strokeWidth="1.6" data-testid="truth">
+        {cross !== undefined && (
+          <path d={`M${x(cross) - 5} ${y(cross) - 5}l10 10m0 -10l-10 10`} stroke="var(--ink)" strokeWidth="1.6" data-testid="truth">
             <title>{t("truth")}</title>
           </path>
         )}
