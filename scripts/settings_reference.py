@@ -18,6 +18,7 @@ import click
 import msgspec
 
 from wonderland.toml_settings import Address, Table
+from wonderland_backend.bus_commands import RouterSettings
 from wonderland_backend.settings import PREFIX
 from wonderland_backend.settings import Settings as BackendSettings
 from wonderland_edge_agent.settings import PadSettings
@@ -31,8 +32,14 @@ AGENTS: tuple[tuple[str, str, str, type[Table]], ...] = (
     (
         "Drone",
         "uav.toml",
-        "`wonderland uav serve --config uav.toml`. Outside of `[flight]` each is an option, too, which wins.",
+        "`wonderland uav serve --config uav.toml`. What is no table is an option, too, which wins.",
         UavSettings,
+    ),
+    (
+        "Router of the bus",
+        "router.toml",
+        "`wonderland bus serve --config router.toml`; `--check` says what it allows.",
+        RouterSettings,
     ),
     ("ROS 1", "ros1.toml", "`wonderland ros1 run --config ros1.toml`.", Ros1Settings),
     ("ROS 2", "ros2.toml", "`wonderland ros2 run --config ros2.toml`.", Ros2Settings),

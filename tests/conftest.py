@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 from pathlib import Path
 
 # Before numpy: its matrices here are small, and threads that share them wait for one another at full speed.
@@ -28,6 +29,7 @@ pytest_plugins = [
     "kit.databases",
     "kit.facts",
     "kit.houses",
+    "kit.outages",
     "kit.postgres",
     "kit.routes",
 ]
@@ -68,6 +70,13 @@ def pytest_xdist_make_scheduler(config, log):
 def pytest_collection_modifyitems(items):
     order = {name: rank for rank, name in enumerate(LONGEST_FIRST)}
     items.sort(key=lambda item: order.get(item.path.relative_to(TESTS).parts[0], len(order)))
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown():
+    """Processes inherit which signals are held: after a test that leaves some so, later ones could not be ended."""
+    left = signal.pthread_sigmask(signal.SIG_SETMASK, ())
+    assert not left, f"left held: {left}"
 
 
 gc.set_threshold(20_000, 20, 50)

@@ -8,12 +8,12 @@ from typing import Annotated, Any, Final
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from wonderland.problems import said
 from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.clients.machines import Machines
 from wonderland_backend.context import Context, required
 from wonderland_backend.errors import Forbidden, SignInRequired
 from wonderland_backend.person import AUTHORITY, Person, Role
-from wonderland_backend.problem_texts import said
 
 
 async def person_of(connection: HTTPConnection) -> Person:
@@ -61,4 +61,6 @@ def only(*roles: Role) -> Any:
 
 Officer = Annotated[Person, Depends(allowed(*AUTHORITY))]
 """Somebody who acts for the authority."""
+BY_COOKIE: Final[dict[str, Any]] = {"security": [{"person": []}]}
+"""For the description of an endpoint beside others that need no sign-in."""
 Administrator = Annotated[Person, Depends(allowed("admin"))]

@@ -6,9 +6,11 @@ import asyncio
 import contextlib
 import logging
 import secrets
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
+
+import orjson
 
 from wonderland import __version__
 from wonderland_backend.agents.connected import Agents
@@ -19,7 +21,9 @@ from wonderland_backend.alerts.deliver import Delivery
 from wonderland_backend.alerts.service import Alerts
 from wonderland_backend.alerts.watch import Watch
 from wonderland_backend.audit.anchors import Anchoring, AuditIdentity
-from wonderland_backend.audit.store import ensure_instance
+from wonderland_backend.audit.queries import bus_key
+from wonderland_backend.audit.queries import instance as instance_of
+from wonderland_backend.audit.store import ensure_bus_key, ensure_instance
 from wonderland_backend.audit.stream import AuditStream, destination_of
 from wonderland_backend.auth.attempts import Attempts
 from wonderland_backend.auth.store.sign_ins import SignIns
@@ -33,9 +37,13 @@ from wonderland_backend.events.streams import Streams
 from wonderland_backend.flights.store import forget as forget_flights
 from wonderland_backend.http.times import now_ms
 from wonderland_backend.http.transfer import new_client
+from wonderland_backend.ingest.bus_ingest import bus_ingest
 from wonderland_backend.ingest.intake import Intake
+from wonderland_backend.ingest.serving import Ingest
 from wonderland_backend.ledger.access import LedgerAccess
+from wonderland_backend.live.aside import Aside
 from wonderland_backend.live.board import Board
+from wonderland_backend.live.copy import BoardCopy
 from wonderland_backend.live.hub import Hub
 from wonderland_backend.maps.service import Maps
 from wonderland_backend.metrics import Metrics
@@ -50,6 +58,9 @@ from wonderland_backend.outputs.mqtt import MqttOutput
 from wonderland_backend.parts import Parts
 from wonderland_backend.registry.queries.organisations import definitions
 from wonderland_backend.replay.store import Arrivals, Connections, note_unknown
+from wonderland_backend.replicas.follower import Follower
+from wonderland_backend.replicas.on_duty import OnDuty
+from wonderland_backend.replicas.sealed import KEY_BYTES
 from wonderland_backend.routes import new_app
 from wonderland_backend.settings import Settings
 from wonderland_backend.statements.signed import Statements
@@ -62,6 +73,9 @@ from wonderland_backend.uspace.service import USpace
 from wonderland_backend.webhooks.deliver import Webhooks
 from wonderland_backend.webhooks.post import poster_of
 from wonderland_backend.webhooks.sealing import Sealing
+
+if TYPE_CHECKING:
+    from wonderland_backend.replicas.bus import Bus
 
 logger = logging.getLogger(__name__)
 
@@ -88,15 +102,19 @@ class Backend:
         allowed_hosts: frozenset[str] = frozenset(),
         clock: Callable[[], int] = now_ms,
         randomness: Callable[[int], bytes] = secrets.token_bytes,
+        epoch: str | None = None,
+        peers: Bus | None = None,
         console_directory: Path | None = None,
     ) -> None:
         self.settings = settings
         self.database = database
         self._tasks: list[asyncio.Task[None]] = []
+        self._peers = peers
+        self._following: asyncio.Task[None] | None = None
         uspace = USpace(settings, clock)
         clients = Clients(database, clock, randomness)
         http = new_client()
-        epoch = randomness(8).hex()
+        epoch = epoch or randomness(8).hex()
         status = MirrorStatus(kind=ledger_kind, notice=ledger_notice, channel=channel)
         agents = Agents()
         members = Members(EndPoints.of(settings))
@@ -131,7 +149,7 @@ class Backend:
             sealing=Sealing.load(settings.webhook_key_file, database, randomness),
             poster=poster_of(settings),
             maps=Maps(settings.map, http),
-            metrics=Metrics(status, hub, agents, intake, uspace, clock),
+            metrics=Metrics(status, hub, agents, intake, uspace, clock, lambda: self.app.state.follower is None),
             signing_keys=SigningKeys(database, members, clock),
             audit_identity=audit_identity,
             statements=None
@@ -144,6 +162,7 @@ class Backend:
             else None,
             demo_registrar=DemoRegistrar(demo_registrar) if demo_registrar else None,
         )
+        self.bus = bus_ingest(settings.bus, Ingest(self.context, members, agents, intake), self.parts.sign_ins)
         self.standing = Standing(agents, members, clock)
         self.watch = Watch(self.context, status, agents, board.alert)
         self._mirror = (
@@ -181,11 +200,67 @@ class Backend:
         )
         self.app = new_app(settings, allowed_hosts, console_directory)
         self.app.state.parts = self.parts.by_type(self.context)
+        self.app.state.follower = None
 
     async def start(self) -> None:
         """Fill the board from the (migrated) database and start the parts that run by themselves."""
-        self.context.instance = await _instance(self.database, self.context)
+        async with self.database.write() as connection:
+            name = self.context.randomness(16).hex()
+            self.context.instance = await ensure_instance(connection, name, self.context.clock())
         await asyncio.to_thread(self.parts.maps.check)
+        self._run(self._check(), "check")
+        await self.take_duty()
+
+    async def follow(self, holder: Callable[[], Awaitable[str]]) -> None:
+        """Show what another backend shows, which is on duty, and pass on to it what only it can do.
+
+        `holder`: the epoch of whoever is on duty. Needs a bus, and a database that another backend has made.
+        """
+        assert self._peers is not None
+        async with self.database.read() as session:
+            self.context.instance = await instance_of(session) or ""
+            self._peers.use(bytes.fromhex(await bus_key(session) or ""))
+            await self.parts.board.load(session)
+        await asyncio.to_thread(self.parts.maps.check)
+        copy = BoardCopy(self.context.clock)
+        # Until the one on duty is heard, what the database says, and that it may be old.
+        copy.stale_since_ms = self.context.clock()
+        board = self.parts.board
+        copy.replace([orjson.dumps({**board.snapshot(), "status": board.status()})], board.owners())
+        self.parts.hub.begin("", 0, copy)
+        self.app.state.parts = self.parts.of_follower(self.context)
+        follower = Follower(
+            self._peers,
+            self.context.instance,
+            self.parts.hub,
+            copy,
+            holder=holder,
+            noted=self._noted,
+            clock=self.context.clock,
+        )
+        await self._noted({}, Aside(organisations=True))
+        self.app.state.follower = follower
+        await follower.begin()
+        self._following = asyncio.create_task(follower.run(), name="follower")
+        self._run(self._check(), "check")
+
+    async def _noted(self, content: dict[str, Any], aside: Aside) -> None:
+        """What else changes here by a frame of the backend on duty."""
+        if (status := content.get("status")) is not None:
+            self.parts.mirror.show(status["ledger"], self.context.clock())
+        if aside.organisations:
+            async with self.database.read() as session:
+                self.parts.members.configure(await definitions(session))
+        if aside.committed:
+            self.parts.commits.pulse()
+
+    async def take_duty(self) -> None:
+        """Be the one that mirrors, takes in what agents report, and raises alerts; the database's lock is held."""
+        if self._following is not None:
+            self._following.cancel()
+            await asyncio.gather(self._following, return_exceptions=True)
+            self._following = None
+        self.parts.mirror.begin(self.context.clock())
         await self.parts.sealing.seal_all(self.database)
         async with self.database.read() as session:
             await self.parts.board.load(session)
@@ -193,6 +268,16 @@ class Backend:
         self.parts.members.configure(organisations)
         self.parts.mirror.organisations = participants(organisations)
         self.parts.mirror.level_ms = self.context.clock()
+        self.parts.hub.begin(self.context.epoch, 0, self.parts.board)
+        self.app.state.parts = self.parts.by_type(self.context)
+        self.app.state.follower = None
+        if self._peers is not None:
+            self._peers.silence()
+            async with self.database.write() as connection:
+                new = self.context.randomness(KEY_BYTES).hex()
+                self._peers.use(bytes.fromhex(await ensure_bus_key(connection, new)))
+            on_duty = OnDuty(self._peers, self.context.instance, self.parts.hub, self.parts.board, self.app)
+            self._run(on_duty.run(), "on duty")
         async with self.database.write() as connection:
             await make_ahead(connection, self.context.clock())
             await note_unknown(connection)
@@ -202,7 +287,6 @@ class Backend:
         self._run(self._connections.run(), "connections")
         self._run(self.parts.hub.run(), "hub")
         self._run(self._tidy(), "tidy")
-        self._run(self._check(), "check")
         if self.parts.audit_identity is not None:
             anchors = self.parts.audit_identity.anchors(self.context.instance)
             every_s = self.settings.audit_anchor_s
@@ -211,6 +295,8 @@ class Backend:
         if (stream := self.settings.audit_stream) is not None:
             destination = destination_of(stream, self.context.instance)
             self._run(AuditStream(self.database, destination, stream.to, self.context.clock).run(), "audit stream")
+        if self.bus is not None:
+            self._run(self.bus.listener.run(), "bus")
         told = Webhooks(self.database, self.parts.poster, self.parts.sealing, self.parts.commits, self.context.clock)
         self._run(told.run(), "webhooks")
         if self.parts.signing is not None:
@@ -232,6 +318,8 @@ class Backend:
     async def stop(self) -> None:
         """Close live connections, stop the parts, close the database."""
         self.end_streams()
+        if self._following is not None:
+            self._tasks.append(self._following)
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -249,10 +337,10 @@ class Backend:
         self.parts.commits.stop()
 
     @contextlib.asynccontextmanager
-    async def running(self) -> AsyncIterator[Backend]:
-        """Started inside, stopped after."""
+    async def running(self, behind: Callable[[], Awaitable[str]] | None = None) -> AsyncIterator[Backend]:
+        """Started inside, stopped after. `behind`: the epoch of whoever is on duty instead of this one."""
         try:
-            await self.start()
+            await (self.start() if behind is None else self.follow(behind))
             yield self
         finally:
             await self.stop()
@@ -309,8 +397,3 @@ class Backend:
             machine, role, expires_ms = person.split(":")
             return await self.parts.machines.may_go_on(machine, role, int(expires_ms), self.context.clock())
         return await self.parts.sign_ins.find_by_hash(person) is not None
-
-
-async def _instance(database: Database, context: Context) -> str:
-    async with database.write() as connection:
-        return await ensure_instance(connection, context.randomness(16).hex(), context.clock())

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Self
 
+from wonderland.problems import said
 from wonderland_backend.errors import BadRequest
-from wonderland_backend.problem_texts import said
 
 PATTERN: Final = r"^-?\d{1,3}(\.\d{1,9})?(,-?\d{1,3}(\.\d{1,9})?){3}$"
 DESCRIPTION: Final = "west,south,east,north in degrees (WGS-84); west > east: across the 180th meridian"

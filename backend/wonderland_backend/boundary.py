@@ -14,9 +14,9 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from wonderland.problems import SaidError, said
 from wonderland_backend.clients.certificates import EXTENSION, Peer
-from wonderland_backend.errors import problem_response
-from wonderland_backend.problem_texts import Said, SaidError, said
+from wonderland_backend.errors import ForeignOrigin, Problem, TooLarge, UnknownHost, problem_response
 
 POLICY: Final = (
     "default-src 'none'; script-src 'self'; object-src 'none'; "
@@ -73,16 +73,16 @@ class Boundary:
         if scope["type"] == "websocket":
             if refusal is not None:
                 await receive()
-                await send({"type": "websocket.close", "code": 1008, "reason": refusal[1]})
+                await send({"type": "websocket.close", "code": 1008, "reason": refusal.code})
                 return
             await self._app(scope, receive, send)
             return
         sending = self._with_headers(send, scope["path"])
         limit = self._limit(scope["path"])
         if refusal is None and _declared(headers) > limit:
-            refusal = 413, "too-large", said("body_too_large", limit=limit)
+            refusal = TooLarge(said("body_too_large", limit=limit))
         if refusal is not None:
-            await problem_response(scope, *refusal)(scope, receive, sending)
+            await problem_response(scope, refusal)(scope, receive, sending)
             return
         await self._limited(scope, receive, sending, limit)
 
@@ -100,7 +100,7 @@ class Boundary:
 
         await self._app(scope, counting, send)
 
-    def _refusal(self, scope: Scope, headers: Headers) -> tuple[int, str, Said] | None:
+    def _refusal(self, scope: Scope, headers: Headers) -> Problem | None:
         host = headers.get("host", "")
         peer: Peer | None = scope.get("extensions", {}).get(EXTENSION)
         # Agents' own listener may have a name of its own; no browser has a certificate for it.
@@ -108,11 +108,11 @@ class Boundary:
         # Of two, whoever stands in front may have looked at the other one (RFC 9112, 3.2).
         is_one = len(headers.getlist("host")) == 1
         if self._hosts and not for_agents and not (is_one and _name(host) in self._hosts):
-            return 421, "unknown-host", said("unknown_host")
+            return UnknownHost(UnknownHost.example)
         origin = headers.get("origin")
         guarded = scope["type"] == "websocket" or scope["method"] not in SAFE
         if origin is not None and guarded and not self._is_own(urlsplit(origin), host):
-            return 403, "foreign-origin", said("foreign_origin")
+            return ForeignOrigin(ForeignOrigin.example)
         return None
 
     def _is_own(self, origin: SplitResult, host: str) -> bool:

@@ -14,6 +14,7 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from wonderland_backend.db.engine import Database
+from wonderland_backend.errors import Elsewhere
 from wonderland_backend.settings import Settings
 
 if TYPE_CHECKING:
@@ -46,9 +47,15 @@ class Context:
 
 
 def part_of(connection: HTTPConnection, kind: type[T]) -> T | None:
-    """The one part of that type of the backend that serves this request; None where it has none."""
+    """The one part of that type of the backend that serves this request; None where it has none.
+
+    Raises `Elsewhere` for a part that only the backend on duty has, where this one is not.
+    """
     parts: Mapping[type, object] = connection.app.state.parts
-    return cast("T | None", parts.get(kind))
+    found = parts.get(kind)
+    if found is Elsewhere:
+        raise Elsewhere
+    return cast("T | None", found)
 
 
 def required(connection: HTTPConnection, kind: type[T]) -> T:

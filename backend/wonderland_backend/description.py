@@ -33,6 +33,7 @@ def openapi(app: FastAPI) -> dict[str, Any]:
             description=app.description,
             routes=app.routes,
             webhooks=app.webhooks.routes,
+            servers=[{"url": "/", "description": "The server that this description comes from"}],
             license_info=app.license_info,
             separate_input_output_schemas=False,
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 import logging
 import secrets
-from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any, Final
 
@@ -20,9 +19,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import HTTPConnection
 from starlette.types import Scope
 
+from wonderland.problems import Said, SaidError, in_language, said
 from wonderland_backend.field_texts import field_text
 from wonderland_backend.languages import language_of
-from wonderland_backend.problem_texts import TYPE_BASE, Said, SaidError, in_language, said, title_in
+from wonderland_backend.problem_texts import STANDBY, TYPE_BASE, title_in
 from wonderland_backend.schemas import ApiModel
 
 logger = logging.getLogger(__name__)
@@ -49,6 +49,10 @@ class DatabaseError(BackendError):
     """The database is of another channel, of a later version, or cannot be used."""
 
 
+class Elsewhere(BackendError):  # noqa: N818 - it says where to ask
+    """Only the backend on duty has what is asked for; raised before anything was done or answered."""
+
+
 class MirrorHalted(BackendError):  # noqa: N818 - a state that holds until a person acts, not an accident
     """The ledger's blocks contradict each other or the database; nothing more is mirrored until somebody looks."""
 
@@ -72,7 +76,7 @@ class ProblemDetails(ApiModel):
 
 
 class Problem(SaidError, BackendError):  # noqa: N818 - the standard's own word
-    """Raised by an endpoint; becomes a problem+json answer."""
+    """Something failed here. Problems with causes of their own are raised by endpoints."""
 
     status: HTTPStatus = HTTPStatus.INTERNAL_SERVER_ERROR
     code: str = "internal"
@@ -176,37 +180,85 @@ class TooLarge(Problem):
     example = said("body_too_large", limit=65536)
 
 
+class MethodNotAllowed(Problem):
+    """There is something at this path, but not to be used by this method; `Allow` names those that are."""
+
+    status, code = HTTPStatus.METHOD_NOT_ALLOWED, "method-not-allowed"
+    example = said("method_not_allowed")
+
+
+class UnknownHost(Problem):
+    """The request was meant for another name than this server's."""
+
+    status, code = HTTPStatus.MISDIRECTED_REQUEST, "unknown-host"
+    example = said("unknown_host")
+
+
+class ForeignOrigin(Problem):
+    """A page of another site asked."""
+
+    status, code = HTTPStatus.FORBIDDEN, "foreign-origin"
+    example = said("foreign_origin")
+
+
+class SetUpRequired(Problem):
+    """No administrator has set the server up yet."""
+
+    status, code = HTTPStatus.FORBIDDEN, "set-up-required"
+    example = said("set_up_first")
+
+
+class DatabaseBusy(Problem):
+    """The server has more to do than its database can take just now."""
+
+    status, code = HTTPStatus.SERVICE_UNAVAILABLE, "database-busy"
+    example = said("database_busy")
+
+
+class Standby(Problem):
+    """This server waits for another's end; nothing was done."""
+
+    status, code = HTTPStatus.SERVICE_UNAVAILABLE, STANDBY
+    example = said("standby")
+
+
+class OutcomeUnknown(Problem):
+    """The server that was to do it fell silent: look whether it was done before you ask again."""
+
+    status, code = HTTPStatus.GATEWAY_TIMEOUT, "outcome-unknown"
+    example = said("outcome_unknown")
+
+
 def title_of(status: int) -> str:
     """The status as RFC 9110 names it; Python has older names for some, and not the same in every version."""
     return _RENAMED.get(status) or HTTPStatus(status).phrase
 
 
-def problem_response(
-    scope: Scope,
-    status: int,
-    code: str,
-    detail: Said | str,
-    *,
-    errors: Sequence[FieldError] = (),
-    headers: dict[str, str] | None = None,
-) -> Response:
+def problem_response(scope: Scope, problem: Problem) -> Response:
     """An answer in problem+json, in the language that the request prefers."""
     language = language_of(HTTPConnection(scope))
     body: dict[str, Any] = {
-        "type": TYPE_BASE + code,
-        "title": title_in(code, language) or title_of(status),
-        "status": status,
-        "detail": in_language(detail, language),
+        "type": TYPE_BASE + problem.code,
+        "title": title_in(problem.code, language) or title_of(problem.status),
+        "status": int(problem.status),
+        "detail": in_language(problem.said, language),
         "instance": scope["path"],
     }
-    if errors:
-        body["errors"] = [{"path": where, "message": in_language(what, language)} for where, what in errors]
-    return Response(orjson.dumps(body), status, headers, MEDIA_TYPE)
+    if problem.errors:
+        body["errors"] = [{"path": where, "message": in_language(what, language)} for where, what in problem.errors]
+    return Response(orjson.dumps(body), int(problem.status), problem.headers, MEDIA_TYPE)
 
 
 def field_errors(error: RequestValidationError) -> list[FieldError]:
     """Which fields and parameters are not as they must be, and why; the first 20 of them."""
     return [(".".join(str(part) for part in each["loc"]), field_text(each)) for each in error.errors()[:20]]
+
+
+def unreadable(error: HTTPException) -> FieldError | None:
+    """What the framework says of a body that is not even text; None for another error."""
+    if error.status_code != HTTPStatus.BAD_REQUEST or isinstance(error.__cause__, SaidError):
+        return None
+    return "body", said("field_no_json", error=str(error.__cause__))
 
 
 def documented(*problems: type[Problem] | Problem, etag: bool = False) -> dict[int | str, dict[str, Any]]:
@@ -249,20 +301,45 @@ def example_of(problem: type[Problem] | Problem) -> dict[str, Any]:
     return found
 
 
-_CODES: Final = {404: "not-found", 405: "method-not-allowed", 413: "too-large", 400: "bad-request"}
-_DETAILS: Final = {
-    404: said("nothing_here"),
-    405: said("method_not_allowed"),
-}
+ANYWHERE: Final = (
+    UnknownHost, ForeignOrigin, SetUpRequired, MethodNotAllowed, DatabaseBusy, Standby, OutcomeUnknown, Problem,
+)  # fmt: skip
+"""What any operation may answer, whatever was asked."""
+
+
+def anywhere() -> dict[str, Any]:
+    """The response of OpenAPI for these."""
+    return {
+        "description": "What any operation may answer; all types of problems: `GET /api/v1/problems`",
+        "content": {
+            MEDIA_TYPE: {
+                "schema": {"$ref": PROBLEM_SCHEMA},
+                "examples": {each.code: {"value": example_of(each)} for each in ANYWHERE},
+            }
+        },
+    }
+
+
+NOTHING: Final = "nothing"
+"""The name of routes by which there is nothing at a path."""
 
 
 def methods_at(request: Request) -> set[str]:
-    """What may be done with a path that is described; the router itself names one route's methods only."""
+    """What may be done with a path; the router itself names one route's methods only. Empty: there is nothing."""
     found: set[str] = set()
     for route in iter_route_contexts(request.app.routes):
-        if route.methods and route.include_in_schema and route.path_regex.match(request.url.path):
+        if route.methods is None or route.name == NOTHING or ":path}" in (route.path or ""):
+            continue
+        if route.path_regex.match(request.url.path):
             found |= route.methods
     return found | ({"HEAD"} if "GET" in found else set())
+
+
+def _allowed(request: Request, error: HTTPException) -> str:
+    """The `Allow` of an answer; empty where there is nothing by any method. The console’s pages have no path here."""
+    if (found := methods_at(request)) or getattr(request.scope.get("route"), "name", "") == NOTHING:
+        return ", ".join(sorted(found))
+    return (error.headers or {}).get("Allow", "")
 
 
 def install(app: FastAPI) -> None:
@@ -270,41 +347,33 @@ def install(app: FastAPI) -> None:
 
     async def on_problem(request: Request, error: Exception) -> Response:
         assert isinstance(error, Problem)
-        return problem_response(
-            request.scope, int(error.status), error.code, error.said, errors=error.errors, headers=error.headers
-        )
+        return problem_response(request.scope, error)
 
     async def on_http(request: Request, error: Exception) -> Response:
         assert isinstance(error, HTTPException)
-        phrase = HTTPStatus(error.status_code).phrase
-        told = error.__cause__.said if isinstance(error.__cause__, SaidError) else error.detail
-        headers = dict(error.headers or {})
-        if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-            headers["Allow"] = ", ".join(sorted(methods_at(request)))
-        if told == phrase:
-            told = _DETAILS.get(error.status_code, phrase)
-        return problem_response(
-            request.scope,
-            error.status_code,
-            _CODES.get(error.status_code, phrase.lower().replace(" ", "-")),
-            told,
-            headers=headers,
-        )
+        cause = error.__cause__
+        if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED and (allow := _allowed(request, error)):
+            return problem_response(request.scope, MethodNotAllowed(MethodNotAllowed.example, headers={"Allow": allow}))
+        if error.status_code in {HTTPStatus.NOT_FOUND, HTTPStatus.METHOD_NOT_ALLOWED}:
+            return problem_response(request.scope, NotFound(said("nothing_here")))
+        if isinstance(cause, SaidError):  # the boundary's, raised while somebody read the body
+            return problem_response(request.scope, TooLarge(cause.said))
+        if (why := unreadable(error)) is not None:
+            return problem_response(request.scope, Unprocessable(Unprocessable.example, why))
+        return await on_anything(request, error)
 
     async def on_validation(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
-        errors = field_errors(error)
-        return problem_response(request.scope, 422, "invalid-request", said("request_fields"), errors=errors)
+        return problem_response(request.scope, Unprocessable(said("request_fields"), *field_errors(error)))
 
     async def on_busy(request: Request, error: Exception) -> Response:
         logger.warning("no connection to the database became free for %s: %s", request.url.path, error)
-        headers = {"Retry-After": "5"}
-        return problem_response(request.scope, 503, "database-busy", said("database_busy"), headers=headers)
+        return problem_response(request.scope, DatabaseBusy(DatabaseBusy.example, headers={"Retry-After": "5"}))
 
     async def on_anything(request: Request, error: Exception) -> Response:
         reference = secrets.token_hex(4)
         logger.error("unexpected error %s at %s", reference, request.url.path, exc_info=error)
-        return problem_response(request.scope, 500, "internal", said("internal", reference=reference))
+        return problem_response(request.scope, Problem(said("internal", reference=reference)))
 
     app.add_exception_handler(Problem, on_problem)
     app.add_exception_handler(HTTPException, on_http)

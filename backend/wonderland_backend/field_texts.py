@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from wonderland_backend.problem_texts import Said, SaidError, said
+from wonderland.problems import Said, SaidError, said
 
 PREFIX: Final = "field_"
 KINDS: Final[Mapping[str, str]] = {

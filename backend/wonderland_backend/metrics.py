@@ -30,6 +30,7 @@ class Metrics(Collector):
     intake: Intake
     uspace: USpace
     clock: Callable[[], int]
+    on_duty: Callable[[], bool]
 
     def exposition(self) -> bytes:
         """The text that Prometheus reads."""
@@ -40,6 +41,7 @@ class Metrics(Collector):
     def collect(self) -> Iterable[Metric]:
         """The metrics of now."""
         mirror, hub, intake, uspace = self.mirror, self.hub, self.intake, self.uspace
+        yield _gauge("backend_on_duty", "1 where it mirrors and takes in, 0 where another does", int(self.on_duty()))
         yield _gauge("mirror_blocks", "Blocks mirrored", mirror.mirrored)
         yield _gauge("mirror_height_blocks", "Blocks that the ledger is known to have", mirror.height)
         yield _gauge("mirror_lag_seconds", "Since when the mirror is behind", mirror.lag_ms(self.clock()) / 1000)

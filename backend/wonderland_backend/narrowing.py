@@ -10,13 +10,13 @@ from sqlalchemy import Select, select
 from sqlalchemy.ext.asyncio import AsyncSession
 from sqlalchemy.orm import InstrumentedAttribute
 
+from wonderland.problems import said
 from wonderland_backend.areas import Box
 from wonderland_backend.db.tables.ledger import DroneRow, PadRow
 from wonderland_backend.db.tables.reported import LatestTrackRow
 from wonderland_backend.errors import BadRequest, Forbidden
 from wonderland_backend.filters import AboutQuery
 from wonderland_backend.person import EVERYBODY, Scope
-from wonderland_backend.problem_texts import said
 
 OPERATORS_MASKED: Final = Forbidden(said("operators_masked"))
 MAX_PADS: Final = 5_000

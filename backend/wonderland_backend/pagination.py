@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import orjson
 
+from wonderland.problems import said
 from wonderland_backend.errors import BadRequest
-from wonderland_backend.problem_texts import said
 
 MAX_CURSOR: Final = 512
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import get_args, get_type_hints
+from typing import Final, get_args, get_type_hints
 
 from wonderland_backend.agents.connected import Agents
 from wonderland_backend.agents.members import Members
@@ -15,6 +15,7 @@ from wonderland_backend.auth.store.sign_ins import SignIns
 from wonderland_backend.clients.machines import Machines
 from wonderland_backend.clients.store import Clients
 from wonderland_backend.context import Context
+from wonderland_backend.errors import Elsewhere
 from wonderland_backend.events.queries import Commits
 from wonderland_backend.events.streams import Streams
 from wonderland_backend.ingest.intake import Intake
@@ -32,6 +33,9 @@ from wonderland_backend.transactions.service import Signing
 from wonderland_backend.uspace.service import USpace
 from wonderland_backend.webhooks.post import Poster
 from wonderland_backend.webhooks.sealing import Sealing
+
+ON_DUTY: Final = (Agents, Board, Intake, Signing, USpace)
+"""Parts that live in the memory of the backend on duty."""
 
 
 @dataclass(frozen=True)
@@ -75,3 +79,7 @@ class Parts:
         # By the type that a field declares, not by what stands in it: that may be a kind of it, or None.
         declared = {name: (get_args(hint) or (hint,))[0] for name, hint in get_type_hints(Parts).items()}
         return MappingProxyType({Context: context} | {kind: getattr(self, name) for name, kind in declared.items()})
+
+    def of_follower(self, context: Context) -> Mapping[type, object]:
+        """The same for a backend that is not on duty."""
+        return MappingProxyType({**self.by_type(context), **dict.fromkeys(ON_DUTY, Elsewhere)})

@@ -12,6 +12,8 @@ from starlette.exceptions import HTTPException
 from starlette.middleware.gzip import DEFAULT_EXCLUDED_CONTENT_TYPES, GZipMiddleware
 
 from wonderland import __version__
+from wonderland.problems import said
+from wonderland.registry import lists
 from wonderland.site_plans import MAX_BYTES
 from wonderland_backend import console, errors
 from wonderland_backend.answer_headers import AnswerHeaders
@@ -22,9 +24,10 @@ from wonderland_backend.description import DESCRIPTION, openapi
 from wonderland_backend.ingest import endpoints as ingest
 from wonderland_backend.live import endpoints as live
 from wonderland_backend.outputs import endpoints as outputs
-from wonderland_backend.problem_texts import said
+from wonderland_backend.reference import asyncapi, problems
 from wonderland_backend.reference import page as reference
-from wonderland_backend.registry import imports
+from wonderland_backend.reference import webhooks as described_webhooks
+from wonderland_backend.replicas.pass_on import PassOn
 from wonderland_backend.rest import (
     alerts,
     audit,
@@ -64,8 +67,8 @@ from wonderland_backend.uspace.endpoints import geo_awareness, networked_flights
 API: Final = "/api/v1"
 AS_THEY_ARE: Final = (*DEFAULT_EXCLUDED_CONTENT_TYPES, maps.BYTES)
 """Kinds of content that are not compressed: those that are already, streams, and parts of files."""
-MACHINES: Final = ("/api/", "/oauth/", "/.well-known/", "/uss/", "/metrics", "/health", "/ingest")
-"""Beginnings of paths at which no page of the console is."""
+MACHINES: Final = ("/api", "/oauth", "/.well-known", "/uss", "/metrics", "/health", "/ingest")
+"""At and below these no page of the console is."""
 
 
 def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory: Path | None) -> FastAPI:
@@ -118,6 +121,8 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
         site_plans.router,
         clients.router,
         reference.router,
+        problems.router,
+        asyncapi.router,
         live.router,
         outputs.router,
         traffic.router,
@@ -129,28 +134,31 @@ def new_app(settings: Settings, allowed_hosts: frozenset[str], console_directory
     app.include_router(remote_id.router)
     app.include_router(clients.oauth)
     errors.install(app)
-    webhooks.describe(app.webhooks)
+    described_webhooks.describe(app.webhooks)
 
     app.add_api_route(f"{API}/openapi.json", _description, methods=["GET"], include_in_schema=False)
     for start in MACHINES:
-        app.add_api_route(start + "{path:path}", _unknown, methods=["GET"], include_in_schema=False)
+        for path in (start, f"{start}/{{path:path}}"):
+            app.add_api_route(path, _unknown, methods=["GET"], include_in_schema=False, name=errors.NOTHING)
     if settings.uspace.test_harness:
         app.include_router(remote_id_tests.router)
         app.include_router(geo_awareness.router)
     for path in (*remote_id_tests.PATHS, *geo_awareness.PATHS):
-        app.add_api_route(path, _unknown, methods=["GET", "PUT", "POST", "DELETE"], include_in_schema=False)
+        methods = ["GET", "PUT", "POST", "DELETE"]
+        app.add_api_route(path, _unknown, methods=methods, include_in_schema=False, name=errors.NOTHING)
     console.install(app, console.find_console(console_directory))
     # No answer has a secret beside words of whoever asks, from whose length one could be guessed (BREACH).
     app.add_middleware(GZipMiddleware, minimum_size=1024, compresslevel=5, exclude_content_types=AS_THEY_ARE)
     app.add_middleware(AnswerHeaders)
     app.add_middleware(SetUpGate)
+    app.add_middleware(PassOn)
     app.add_middleware(
         Boundary,
         allowed_hosts=allowed_hosts,
         max_body_bytes=_largest_body(settings),
         https=settings.is_https,
         larger={
-            f"{API}/registry/imports/": imports.MAX_BYTES,
+            f"{API}/registry/imports/": lists.MAX_BYTES,
             f"{API}/zones/imports": settings.max_zone_file_bytes,
             f"{API}/site-plans/": MAX_BYTES,
         },

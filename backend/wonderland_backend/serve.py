@@ -6,14 +6,15 @@ import asyncio
 import contextlib
 import gc
 import json
+import secrets
 import signal
 import socket
 import ssl
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
 import click
@@ -29,11 +30,11 @@ from wonderland_backend.audit.anchors import Anchors, AuditIdentity
 from wonderland_backend.auth.site import LOCAL
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.migrate import migrate
-from wonderland_backend.errors import SettingsError
+from wonderland_backend.errors import SettingsError, Standby
 from wonderland_backend.http.times import now_ms
 from wonderland_backend.http_protocol import Gate, protocols
 from wonderland_backend.leader_election.lock import Lock, lock_of
-from wonderland_backend.leader_election.standby import DETAIL, stand_by, stay_leader
+from wonderland_backend.leader_election.standby import stand_by, stay_leader, wait_for
 from wonderland_backend.ledger.access import LedgerAccess
 from wonderland_backend.listening import Listen, Sockets, allow_files, hosts_of, only_agents, private_files
 from wonderland_backend.mirror.second_opinion import GatewayAsked, SecondOpinion
@@ -41,6 +42,7 @@ from wonderland_backend.mirror.source import BlockSource, GatewaySource
 from wonderland_backend.mirror.store import endorsement_policies
 from wonderland_backend.mirror.verified import VerifiedSource
 from wonderland_backend.people import links
+from wonderland_backend.replicas.opened import can_follow, opened_bus
 from wonderland_backend.settings import Settings
 from wonderland_backend.transactions.enrolment import Registrar
 from wonderland_backend.transactions.registrar import registrar_of
@@ -50,6 +52,9 @@ from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.files import write_atomic
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_fabric_gateway.gateways import Gateways
+
+if TYPE_CHECKING:
+    from wonderland_backend.replicas.bus import Bus
 
 GRACE_S: Final = 5
 BACKLOG: Final = 2048
@@ -123,12 +128,23 @@ async def audit_anchors(settings: Settings, instance: str) -> AsyncIterator[Anch
 
 
 @contextlib.asynccontextmanager
-async def backend_of(settings: Settings, hosts: frozenset[str]) -> AsyncIterator[Backend]:
-    """A running backend on the ledger that the settings name. Raises `LedgerError`, `BackendError`."""
+async def backend_of(
+    settings: Settings,
+    hosts: frozenset[str],
+    *,
+    epoch: str | None = None,
+    peers: Bus | None = None,
+    behind: Callable[[], Awaitable[str]] | None = None,
+) -> AsyncIterator[Backend]:
+    """A running backend on the ledger that the settings name. Raises `LedgerError`, `BackendError`.
+
+    `behind`: the epoch of whoever is on duty instead, on the same database and the same bus.
+    """
     async with _ledger_of(settings) as (connection, source, access, audit_identity):
         database = Database(settings.database)
         try:
-            await migrate(database)
+            if behind is None:
+                await migrate(database)
             ledger = connection.ledger
             # An embedded ledger is one process: it has no second opinion.
             opinion = None if access.is_embedded else _second_opinion(settings, connection, source)
@@ -144,11 +160,13 @@ async def backend_of(settings: Settings, hosts: frozenset[str]) -> AsyncIterator
                 ledger_kind=ledger.kind if ledger is not None else "unknown",
                 ledger_notice=ledger.notice if ledger is not None else "",
                 allowed_hosts=hosts,
+                epoch=epoch,
+                peers=peers,
                 console_directory=settings.console,
             )
             if opinion is not None:
                 opinion.status = backend.parts.mirror
-            async with backend.running():
+            async with backend.running(behind):
                 yield backend
         finally:
             await database.close()
@@ -179,25 +197,27 @@ async def serve(settings: Settings, listen: Listen, *, token_file: Path | None, 
     with private_files(), Sockets.opened(settings, listen) as sockets:
         bound = sockets.everybody
         url = (settings.public_url or f"http://{listen.shown}:{bound.getsockname()[1]}").rstrip("/")
-        lock = lock_of(settings.database)
+        epoch = secrets.token_hex(8)
+        lock = lock_of(settings.database, epoch)
         async with service.alive(), contextlib.AsyncExitStack() as stack:
             stack.push_async_callback(lock.release)
-            if not await lock.take_lock():
+            peers = await stack.enter_async_context(opened_bus(settings.bus))
+            leads = await lock.take_lock()
+            if not leads and (peers is None or not await can_follow(settings.database)):
                 service.tell("READY=1")
                 if not await _stood_by(lock, bound, url, settings, as_json=as_json):
                     return
-            async with backend_of(settings, hosts) as backend:
-                token = await links.at_start(backend.database, backend.parts.sign_ins, demo=settings.demo)
-                if token_file is not None and token is not None:
-                    write_atomic(token_file, token.encode() + b"\n")
-                ready = Ready(url, token, settings, as_json=as_json)
-                await _serve_until_told(backend, sockets, lock, ready, service)
+                leads = True
+            behind = None if leads else lock.holder
+            async with backend_of(settings, hosts, epoch=epoch, peers=peers, behind=behind) as backend:
+                ready = Ready(url, settings, token_file, as_json=as_json)
+                await _serve_until_told(backend, sockets, lock, ready, service, leads=leads)
 
 
 async def _stood_by(lock: Lock, bound: socket.socket, url: str, settings: Settings, *, as_json: bool) -> bool:
     """Whether the lock of the database is ours at last; False where we are told to stop before."""
     with _told_to_stop() as told:
-        click.echo(json.dumps({"standby": True, "url": url}) if as_json else f"Stands by at {url}. {DETAIL}")
+        click.echo(json.dumps({"standby": True, "url": url}) if as_json else f"Stands by at {url}. {Standby.example}")
         waiting = asyncio.create_task(stand_by(lock, bound, lambda app: new_server(app, settings)))
         await asyncio.wait({waiting, told}, return_when=asyncio.FIRST_COMPLETED)
         if not waiting.done():
@@ -232,28 +252,35 @@ class Ready:
     """What to print when the server answers."""
 
     url: str
-    token: str | None
-    """Of the link to sign in, or to set the server up, where there is one."""
     settings: Settings
+    token_file: Path | None
     as_json: bool
 
-    def print(self) -> None:
-        """One line for machines, or a few for people."""
+    async def print(self, backend: Backend) -> None:
+        """One line for machines, or a few for people: with a link to sign in, or to set the server up, if need be."""
+        token = await links.at_start(backend.database, backend.parts.sign_ins, demo=self.settings.demo)
+        if self.token_file is not None and token is not None:
+            write_atomic(self.token_file, token.encode() + b"\n")
         if self.as_json:
-            link = {} if self.token is None else {"token": self.token, "link": self._link()}
+            link = {} if token is None else {"token": token, "link": self._link(token)}
             click.echo(json.dumps({"ready": True, "url": self.url, **link}))
             return
         click.echo(f"Serving {self.url}")
-        if self.token is not None:
+        if token is not None:
             what = "Sign in once" if self.settings.demo else "Set this server up: name its first administrator"
-            click.echo(f"{what}, within {self.settings.token_ttl_s // 60} min:  {self._link()}")
+            click.echo(f"{what}, within {self.settings.token_ttl_s // 60} min:  {self._link(token)}")
 
-    def _link(self) -> str:
+    def print_behind(self) -> None:
+        """The same where another backend is on duty."""
+        told = {"follows": True, "url": self.url}
+        click.echo(json.dumps(told) if self.as_json else f"Serving {self.url}; another backend is on duty")
+
+    def _link(self, token: str) -> str:
         """Passkeys are bound to a name: without a public address, to this machine's."""
         url = self.url
         if not self.settings.demo and self.settings.public_url is None:
             url = f"http://{LOCAL}:{urlsplit(url).port}"
-        return f"{url}/#token={self.token}"
+        return f"{url}/#token={token}"
 
 
 def new_agents_server(app: ASGIApp, settings: Settings, tls: AgentsTls) -> uvicorn.Server:
@@ -311,7 +338,7 @@ class _Server(uvicorn.Server):
 
 
 async def _serve_until_told(
-    backend: Backend, sockets: Sockets, lock: Lock, ready: Ready, service: ServiceManager
+    backend: Backend, sockets: Sockets, lock: Lock, ready: Ready, service: ServiceManager, *, leads: bool
 ) -> None:
     """Until told to stop. Raises `DatabaseError` where another backend may be the leader."""
     servers = [(new_server(backend.app, ready.settings), sockets.everybody)]
@@ -324,9 +351,12 @@ async def _serve_until_told(
             await asyncio.sleep(0.01)
         if not serving.done():
             leave_to_itself()
-            ready.print()
+            if leads:
+                await ready.print(backend)
+            else:
+                ready.print_behind()
             service.tell("READY=1")
-        leading = asyncio.create_task(stay_leader(lock), name="leading")
+        leading = asyncio.create_task(_lead(backend, lock, None if leads else ready), name="leading")
         ends: set[asyncio.Future[Any]] = {serving, leading, told}
         await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
         backend.end_streams()
@@ -336,6 +366,15 @@ async def _serve_until_told(
         if leading.done():
             leading.result()
         leading.cancel()
+
+
+async def _lead(backend: Backend, lock: Lock, ready: Ready | None) -> None:
+    """Stay on duty; with `ready`, take it over first, whenever the lock of the database is to be had."""
+    if ready is not None:
+        await wait_for(lock)
+        await backend.take_duty()
+        await ready.print(backend)
+    await stay_leader(lock)
 
 
 def leave_to_itself() -> None:

@@ -22,10 +22,10 @@ from joserfc.errors import InvalidKeyIdError, JoseError
 from joserfc.jwk import ECKey, Key, KeySet, RSAKey
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from wonderland.problems import Said, said
 from wonderland_backend.errors import Problem
 from wonderland_backend.http.addresses import ADDRESS
 from wonderland_backend.http.transfer import TransferError, ask_object, parse_object
-from wonderland_backend.problem_texts import Said, said
 
 logger = logging.getLogger(__name__)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import ssl
 from collections.abc import AsyncIterator
 from functools import partial
 from typing import TYPE_CHECKING
@@ -174,29 +173,15 @@ def _tell_finding(tracks: SpoolReporter, finding: Finding) -> None:
 def _uplink(
     settings: PadSettings, connection: Connection, identity: Identity, signer: Signer, spool: Spool
 ) -> Uplink | None:
-    if not settings.backend.url:
+    to = settings.backend
+    if not to.url:
         return None
     # A pad without a backend need not carry a WebSocket client's memory.
-    from wonderland_edge_agent.uplink import Uplink, UplinkError  # noqa: PLC0415
+    from wonderland_edge_agent.uplink import Uplink, UplinkError, way_to  # noqa: PLC0415
 
-    context: ssl.SSLContext | None = None
     client = connection.client_files(settings.identity)
-    if settings.backend.url.startswith("wss:"):
-        try:
-            context = telemetry.tls_of(settings.backend.tls_ca, client)
-        except OSError as cause:  # ssl.SSLError is one
-            shown = "" if client is None else f", or {client.certificate} with {client.key} cannot be shown"
-            raise AgentError(
-                f"backend.tls_ca: {settings.backend.tls_ca} is no certificate authority{shown} ({cause})"
-            ) from cause
     try:
-        credentials = telemetry.Credentials.of("pad", settings.pad_id, identity, signer)
-        return Uplink(
-            settings.backend.url,
-            credentials,
-            spool,
-            ssl_context=context,
-            allow_plaintext=settings.backend.plaintext,
-        )
+        way = way_to(to.url, ca=to.tls_ca, client=client, allow_plaintext=to.plaintext)
+        return Uplink(way, telemetry.Credentials.of("pad", settings.pad_id, identity, signer), spool)
     except UplinkError as cause:
         raise AgentError(f"backend: {cause}") from cause

@@ -184,7 +184,7 @@ class BackendSettings(Table, frozen=True):
     """``[backend]``: where telemetry goes."""
 
     url: Text | None = None
-    """The backend’s WebSocket for agents; left out: the pad judges, and reports to nobody."""
+    """The backend’s WebSocket for agents, or where it is on a bus of Zenoh; left out: the pad reports to nobody."""
     tls_ca: Path | None = None
     """Its certificate authority (PEM), where it is not a public one."""
     plaintext: bool = False
@@ -193,11 +193,13 @@ class BackendSettings(Table, frozen=True):
     def __post_init__(self) -> None:
         try:
             parts = urlsplit(self.url or "ws://none")
-            usable = parts.scheme in {"ws", "wss"} and bool(parts.hostname) and parts.port != 0
+            usable = parts.scheme == "zenoh+tls" or (
+                parts.scheme in {"ws", "wss"} and bool(parts.hostname) and parts.port != 0
+            )
         except ValueError:
             usable = False
         if not usable:
-            raise FieldError(f"url is {self.url!r}: no WebSocket address, for example wss://console.example/ingest")
+            raise FieldError(f"url is {self.url!r}: no address of a backend, for example wss://console.example/ingest")
 
 
 class PadSettings(Table, frozen=True):

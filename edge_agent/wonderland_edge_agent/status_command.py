@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from wonderland.consoles import for_people
 from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.config_option import config_option
 from wonderland_edge_agent.health import read_status
@@ -96,7 +96,7 @@ def _age_s(said: dict[str, Any]) -> float:
 
 
 def _show(said: dict[str, Any], state: str) -> None:
-    console = Console()
+    console = for_people()
     console.print(f"Pad {said.get('pad_id', '?')}: {state}", soft_wrap=True)
     for reason in (*_listed(said, "cannot_prove"), *_listed(said, "not_known"), *_listed(said, "not_for")):
         console.print(f"  {reason}", soft_wrap=True, markup=False, highlight=False)

@@ -83,11 +83,10 @@ def attack(
     wonderland attack --attack gnss-drag --level 2     one of them
     wonderland attack --wire                           one of each through agents and ledger
     """  # noqa: D301 - \b is click's mark for "do not wrap"
-    from rich.console import Console  # noqa: PLC0415 - --help must not load the lab
-
+    from wonderland.consoles import for_people  # noqa: PLC0415 - --help must not load the lab
     from wonderland_research.attack_lab import LabError, LabSettings, UnknownAttackError  # noqa: PLC0415
 
-    console = Console(stderr=as_json, highlight=False)
+    console = for_people(stderr=as_json)
     settings = LabSettings(
         attacks=attacks,
         levels=tuple(sorted(set(levels))) or LabSettings.levels,

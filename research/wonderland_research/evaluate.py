@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bisect
 import csv
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,8 +19,13 @@ from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland_edge_agent.commissioning.errors import TruthError
 from wonderland_edge_agent.commissioning.judging import START_MS, Prepared
 from wonderland_edge_agent.commissioning.judging import prepare as prepare_window
+from wonderland_edge_agent.commissioning.reference import load_track
+from wonderland_edge_agent.commissioning.run import Run
+from wonderland_edge_agent.commissioning.shift import find_shift
+from wonderland_edge_agent.commissioning.truth import Truth, find_truth
 from wonderland_simulator.flight import Vector
 from wonderland_simulator.recording import RecordedRound, Recording, RecordingError, dw1000_commissioning
 from wonderland_simulator.simulate import MIN_ROUNDS, parse_claim
@@ -40,11 +46,14 @@ class EvaluateSettings:
     anchors: Path
     commissioning: Path | None = None
     claim: str = "truth"
-    truth_shift_s: float = 0.0
+    truth_shift_s: float | None = 0.0
+    """None: find it."""
     truth_raise_m: float = 0.0
     rounds: int = 20
     windows: int = 0
     buffer_m: float = 1.0
+    reference: Path | None = None
+    """A file of its own with the truth; None: it is in the recording, if anywhere."""
 
 
 @dataclass(frozen=True)
@@ -141,50 +150,82 @@ class Study:
     def load(cls, settings: EvaluateSettings) -> Self:
         """Read the files. Raises RecordingError for what is none."""
         for name, value in (
-            ("--truth-shift", settings.truth_shift_s),
+            ("--truth-shift", settings.truth_shift_s or 0.0),
             ("--truth-raise", settings.truth_raise_m),
             ("--buffer", settings.buffer_m),
         ):
             if not math.isfinite(value):
                 raise RecordingError(f"{name} {value}: a finite number is needed")
-        recording = Recording.load(
-            settings.recording,
-            settings.anchors,
-            truth_shift_s=settings.truth_shift_s,
-            truth_raise_m=settings.truth_raise_m,
-            truthless=True,
-        )
+        recording = _recording(settings, settings.truth_shift_s or 0.0)
         if not recording.has_truth and not settings.claim.startswith("csv:"):
             raise RecordingError(
-                f"{settings.recording}: it has no truth (gt_x, gt_y, gt_z), so say what the drone claims: "
-                "--claim csv:FILE (t, x, y, z)"
+                f"{settings.recording}: it has no truth (gt_x, gt_y, gt_z; or --reference FILE), so say what the drone "
+                "claims: --claim csv:FILE (t, x, y, z)"
             )
-        policy = Policy(
-            buffer_mm=round(settings.buffer_m * 1000),
-            min_rounds=max(min(MIN_ROUNDS, settings.rounds), settings.rounds // 2),
-            max_rounds=max(settings.rounds, MIN_ROUNDS),
-        )
+        if settings.truth_shift_s is None:
+            recording = _recording(settings, _found_shift_s(settings, recording))
+        policy = policy_of(settings.buffer_m, settings.rounds)
         said = claims_of(settings.claim, (recording.rounds[0].t_s, recording.rounds[-1].t_s))
-        return cls(settings, recording, _commissioning(settings.commissioning, recording), policy, said)
+        return cls(settings, recording, commissioning_of(settings.commissioning, recording), policy, said)
 
     @property
     def name(self) -> str:
         """The recording's file name without its suffix."""
         return self.settings.recording.stem
 
-    def rounds(self) -> Iterator[tuple[RecordedRound, ...]]:
-        """The rounds of one window after the other; what is left over at the end is left out."""
-        size = self.settings.rounds
-        everything = self.recording.rounds
-        for count, first in enumerate(range(0, len(everything) - size + 1, size)):
-            if self.settings.windows and count >= self.settings.windows:
-                return
-            yield everything[first : first + size]
+    @property
+    def truth_off(self) -> Truth | None:
+        """By how much the ranges contradict a truth that came from elsewhere, or whose delay was looked for."""
+        if self.settings.reference is None and self.settings.truth_shift_s is not None:
+            return None
+        return find_truth([Run.of(self.recording, self.name)])
+
+    def rounds(self) -> Iterator[Sequence[RecordedRound]]:
+        """The rounds of one window after the other."""
+        return itertools.islice(windows_of(self.recording.rounds, self.settings.rounds), self.settings.windows or None)
 
     def judged(self) -> Iterator[Window]:
         """Every window with its verdict. Raises RecordingError for claims that are nowhere."""
         for rounds in self.rounds():
             yield replace(judge(rounds, self.commissioning, self.policy, self.said), recording=self.name)
+
+
+def _recording(settings: EvaluateSettings, shift_s: float) -> Recording:
+    # Where the reference is on the globe, the commissioning says where the anchors are.
+    frame = None if settings.commissioning is None else _read(settings.commissioning).frame
+    try:
+        truth = None if settings.reference is None else load_track(settings.reference, frame)
+    except TruthError as error:
+        raise RecordingError(str(error)) from error
+    return Recording.load(
+        settings.recording,
+        settings.anchors,
+        truth_shift_s=shift_s,
+        truth_raise_m=settings.truth_raise_m,
+        truthless=True,
+        reference=truth,
+    )
+
+
+def _found_shift_s(settings: EvaluateSettings, recording: Recording) -> float:
+    if not recording.has_truth:
+        raise RecordingError("--truth-shift auto: there is no truth whose delay could be found")
+    return find_shift([Run.of(recording, settings.recording.name)])[0]
+
+
+def policy_of(buffer_m: float, rounds: int) -> Policy:
+    """What a pad with that buffer would ask of windows of so many rounds."""
+    return Policy(
+        buffer_mm=round(buffer_m * 1000),
+        min_rounds=max(min(MIN_ROUNDS, rounds), rounds // 2),
+        max_rounds=max(rounds, MIN_ROUNDS),
+    )
+
+
+def windows_of(rounds: Sequence[RecordedRound], size: int) -> Iterator[Sequence[RecordedRound]]:
+    """One whole window after the other; what is left over at the end is left out."""
+    for first in range(0, len(rounds) - size + 1, size):
+        yield rounds[first : first + size]
 
 
 def evaluate(settings: EvaluateSettings) -> Iterator[Window]:
@@ -252,25 +293,30 @@ def claims_of(text: str, between_s: tuple[float, float] | None = None) -> Claime
     return lambda t_s, _: _between(times, places, t_s)
 
 
-def _commissioning(path: Path | None, recording: Recording) -> Commissioning:
-    if path is None:
+def commissioning_of(given: Path | Commissioning | None, recording: Recording) -> Commissioning:
+    """What is known of the recording's anchors. Raises RecordingError where that is of other anchors."""
+    if given is None:
         return dw1000_commissioning(recording.pad(), START_MS)
-    try:
-        record = Commissioning.decode(path.read_bytes())
-    except (OSError, ProofError) as error:
-        raise RecordingError(f"{path}: no commissioning record ({error})") from error
+    record, where = (given, "commissioning") if isinstance(given, Commissioning) else (_read(given), given)
     known = {anchor.anchor_id for anchor in record.anchors}
     if unknown := sorted(set(recording.anchors) - known):
-        raise RecordingError(f"{path}: knows {', '.join(sorted(known))}, but not the recording's {', '.join(unknown)}")
+        raise RecordingError(f"{where}: knows {', '.join(sorted(known))}, but not the recording's {', '.join(unknown)}")
     for anchor in record.anchors:
         place = (anchor.east_mm / 1000, anchor.north_mm / 1000, anchor.up_mm / 1000)
         off_m = math.dist(place, recording.anchors.get(anchor.anchor_id, place))
         if off_m > SAME_PLACE_M:
             raise RecordingError(
-                f"{path}: commissioned with anchor {anchor.anchor_id} {off_m:.2f} m away from where the list of "
+                f"{where}: commissioned with anchor {anchor.anchor_id} {off_m:.2f} m away from where the list of "
                 "anchors has it; a bias table holds for the anchors that it was fitted to"
             )
     return record
+
+
+def _read(path: Path) -> Commissioning:
+    try:
+        return Commissioning.decode(path.read_bytes())
+    except (OSError, ProofError) as error:
+        raise RecordingError(f"{path}: no commissioning record ({error})") from error
 
 
 def _between(times: list[float], places: list[Vector], t_s: float) -> Vector:

@@ -9,6 +9,8 @@ from typing import TypeVar
 
 import click
 
+from wonderland_edge_agent.commissioning.commands import shift_of
+
 _T = TypeVar("_T")
 _CSV = click.Path(exists=True, dir_okay=False, path_type=Path)
 
@@ -42,7 +44,22 @@ _CSV = click.Path(exists=True, dir_okay=False, path_type=Path)
     metavar="truth|offset:E,N,U|csv:FILE",
     help="What the drone claims: the truth, the truth and an error (m), or a file with columns t, x, y, z; for each.",
 )
-@click.option("--truth-shift", default=0.0, metavar="S", help="The truth of a range at t is the one at t + S seconds.")
+@click.option(
+    "--reference",
+    "references",
+    multiple=True,
+    type=_CSV,
+    metavar="CSV",
+    help="The truth, where it is not in the recording: a track as `pad commission --reference` and [truth] record have "
+    "it, one for all or each.",
+)
+@click.option(
+    "--truth-shift",
+    default="0",
+    callback=shift_of,
+    metavar="S|auto",
+    help="The truth of a range at t is the one at t + S seconds; auto: found from the ranges.",
+)
 @click.option("--truth-raise", default=0.0, metavar="M", help="Metres to add to the truth's height.")
 @click.option("--rounds", default=20, show_default=True, type=click.IntRange(1, 500), help="Rounds of a window.")
 @click.option("--windows", default=0, type=click.IntRange(0), metavar="N", help="Stop after N windows (0: never).")
@@ -57,7 +74,8 @@ def evaluate(
     anchors: tuple[Path, ...],
     commissionings: tuple[Path, ...],
     claims: tuple[str, ...],
-    truth_shift: float,
+    references: tuple[Path, ...],
+    truth_shift: float | str | None,
     truth_raise: float,
     rounds: int,
     windows: int,
@@ -71,7 +89,8 @@ def evaluate(
     wonderland evaluate --recording ranges.csv --anchors anchors.csv
     wonderland evaluate --recording ranges.csv --anchors anchors.csv --claim offset:2,0,0 --json
     wonderland evaluate --recording ranges.csv --anchors anchors.csv --claim csv:claims.csv --report DIR
-    A recording needs no truth (gt_x, gt_y, gt_z) where the claims are in a file of their own.
+    wonderland evaluate --recording ranges.csv --anchors anchors.csv --reference track.csv --truth-shift auto
+    A recording needs no truth (gt_x, gt_y, gt_z, or --reference) where the claims are in a file of their own.
 
     \b
     Exit code:
@@ -85,13 +104,15 @@ def evaluate(
     from wonderland_simulator.recording import RecordingError  # noqa: PLC0415
 
     count = len(recordings)
+    shift_s = None if truth_shift == "auto" else float(truth_shift or 0.0)
     settings = [
-        EvaluateSettings(one, places, record, claim, truth_shift, truth_raise, rounds, windows, buffer)
-        for one, places, record, claim in zip(
+        EvaluateSettings(one, places, record, claim, shift_s, truth_raise, rounds, windows, buffer, reference)
+        for one, places, record, claim, reference in zip(
             recordings,
             _each("anchors", anchors, count),
             _each("commissioning", commissionings or (None,), count),
             _each("claim", claims, count),
+            _each("reference", references or (None,), count),
             strict=True,
         )
     ]

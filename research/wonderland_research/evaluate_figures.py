@@ -164,7 +164,7 @@ def calibration(fifths: Sequence[tuple[float, Share]]) -> Any:
     return figure
 
 
-def _random_claims(one: Judged, rounds: tuple[RecordedRound, ...], rng: random.Random) -> list[tuple[float, bool]]:
+def _random_claims(one: Judged, rounds: Sequence[RecordedRound], rng: random.Random) -> list[tuple[float, bool]]:
     buffer_m = one.study.settings.buffer_m
     found = []
     for _ in range(RANDOM_CLAIMS):

@@ -71,9 +71,12 @@ def commission_first(found: Sequence[Judged]) -> str:
     if estimated < LEAST_WINDOWS or settled > estimated / 2:
         return ""
     first = unknown[0].study.settings
-    shift = f" --truth-shift {first.truth_shift_s:g}" if first.truth_shift_s else ""
+    shift_s = unknown[0].study.recording.truth_shift_s
+    shift = " --truth-shift auto" if first.truth_shift_s is None else f" --truth-shift {shift_s:g}" if shift_s else ""
     higher = f" --truth-raise {first.truth_raise_m:g}" if first.truth_raise_m else ""
     another = "OTHER.csv" if unknown[0].study.recording.has_truth else "RANGES-WITH-TRUTH.csv"
+    if first.reference is not None:
+        another += " --reference ITS-TRACK.csv"
     return (
         f"{estimated - settled} of {estimated} windows stay open, and nobody calibrated these anchors: only the chip's "
         "published bias is known of them. Commission first, with another recording of this pad:\n"

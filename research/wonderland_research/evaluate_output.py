@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from wonderland.consoles import for_people
 from wonderland.proofs.records.verdicts import OUTCOMES
 from wonderland_research.evaluate import EvaluateSettings, Study, Window
 from wonderland_research.evaluate_delays import find_delays, said_of
@@ -24,7 +24,7 @@ COMMISSION_FIRST: Final = 4
 
 def run(settings: Sequence[EvaluateSettings], *, as_json: bool = False, report: Path | None = None) -> int:
     """Judge every recording, print, draw; the exit code. Raises RecordingError."""
-    console = Console(stderr=as_json, highlight=False)
+    console = for_people(stderr=as_json)
     studies = [Study.load(one) for one in settings]  # every file is read before the first line is printed
     found = []
     for study in studies:
@@ -48,6 +48,12 @@ def run(settings: Sequence[EvaluateSettings], *, as_json: bool = False, report: 
     if len(found) > 1:
         console.print(_table(found))
     console.print(_total(found), soft_wrap=True)
+    for study in studies:
+        if (off := study.truth_off) is not None:
+            shift_s = study.recording.truth_shift_s
+            when = f"{abs(shift_s):.2f} s {'later' if shift_s > 0 else 'earlier'}"
+            taken = f"Of each range the truth {when} was taken. " if shift_s else ""
+            console.print(f"{escape(study.name)}: {taken}{escape(off.sentence())}", soft_wrap=True)
     for sentence in said_of([(one.study.name, find_delays(one.study)) for one in found]):
         console.print(f"[yellow]![/yellow] {escape(sentence)}", soft_wrap=True)
     first = commission_first(found)

@@ -22,6 +22,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from wonderland.consoles import for_people
 from wonderland.proofs.records.pads import Anchor, BiasPoint, Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland.proofs.records.sessions import STEP_NAMES
@@ -83,7 +84,7 @@ def commissioning_of(pad: PadSite, now_ms: int) -> Commissioning:
 
 async def reproduce(*, seed: int, as_json: bool, plot: Path | None, sequence: Path | None) -> int:
     """All four points; the exit code."""
-    console = Console(stderr=as_json, highlight=False)
+    console = for_people(stderr=as_json)
     results: list[PaperRun] = []
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("Starting", total=len(POINTS))

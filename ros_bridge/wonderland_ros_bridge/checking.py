@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from wonderland_fabric_gateway.connection import Connection
 from wonderland_ros_bridge.ledger.listener import Choice
 from wonderland_ros_bridge.ledger.policy import Rule
 from wonderland_ros_bridge.ros1.hosts import LOOPBACK
-from wonderland_ros_bridge.settings import Settings
+from wonderland_ros_bridge.settings import LedgerSettings, Settings
 
 
 def explained(settings: Settings) -> Iterator[str]:
-    """Lines for people."""
+    """Lines for people. Raises LedgerError for a connection file that says not enough."""
     ros1 = settings.ros1
     yield f"Bridge {settings.bridge}: the settings can be read."
+    yield who_in_words(settings.ledger)
     yield f"It is node {ros1.node} of the master at {ros1.master}, and listens on {ros1.host}."
     if tuple(ros1.networks) == LOOPBACK:
         yield "It speaks with nodes of this machine alone (ros1.networks)."
@@ -26,6 +28,14 @@ def explained(settings: Settings) -> Iterator[str]:
         yield f"From the ledger: {choice_in_words(choice)}"
     if settings.orders is not None:
         yield f"Whoever publishes on {settings.orders} changes assets under ros1/{settings.bridge}/."
+
+
+def who_in_words(ledger: LedgerSettings) -> str:
+    """As whom it speaks with which ledger. Raises LedgerError."""
+    where = Connection.load(ledger.connection)
+    where.signer(ledger.identity)
+    msp_id = where.identity(ledger.identity).msp_id
+    return f"On the ledger at {where.gateway.address} it is {ledger.identity} of {msp_id}."
 
 
 def rule_in_words(rule: Rule) -> str:

@@ -31,7 +31,7 @@ def run(*, path: Path, as_json: bool, check: bool, verbose: bool) -> None:
     if check:
         try:
             click.echo("\n".join(explained(load(path))))
-        except SettingsError as error:
+        except (SettingsError, LedgerError) as error:
             raise click.ClickException(str(error)) from error
         return
     set_up_log(logging.DEBUG if verbose else logging.INFO)

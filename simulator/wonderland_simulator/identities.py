@@ -43,9 +43,15 @@ def enrol_on_embedded(directory: Path, pads: Sequence[PadSite], drones: Sequence
 
 
 def hand_out(connection: Connection, to: Path, pads: Sequence[PadSite], drones: Sequence[DroneSpec]) -> None:
-    """Write ``to/world`` for the world and ``to/backend`` for the backend, each with what it needs and no more."""
-    names = [name for name, _ in _wanted(pads, drones)]
-    export_identities(connection, [*OPERATORS, *names], to / "world", again=True)
+    """Write ``to/world`` for the world and ``to/backend`` for the backend, each with what it needs and no more.
+
+    Who was handed out there before stays: a scenario that changed takes nobody's identity away.
+    """
+    world = to / "world"
+    earlier = Connection.load(world / FILE_NAME).identities if (world / FILE_NAME).is_file() else {}
+    names = [*OPERATORS, *(name for name, _ in _wanted(pads, drones)), *earlier]
+    kept = dict.fromkeys(name for name in names if name in connection.identities or name not in earlier)
+    export_identities(connection, kept, world, again=True)
     export_identities(connection, [MIRROR], to / "backend", again=True)
 
 

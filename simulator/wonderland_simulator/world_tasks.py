@@ -32,6 +32,7 @@ from wonderland_simulator.scenario import DRONES, DWM1001, PADS, DroneSpec, PadS
 from wonderland_simulator.stage import ProcessError, Stage, StageSettings
 from wonderland_simulator.stage.registry import Registry
 from wonderland_simulator.stage.stage import default_policy
+from wonderland_uav_agent.position.source import PositionError
 
 _directory = click.Path(file_okay=False, path_type=Path)
 WATCH_S = 0.5
@@ -65,6 +66,8 @@ def enrol(*, network: Path | None, ledger: Path | None, to: Path, scenario: Path
         identities.hand_out(connection, to, pads, drones)
     except LedgerError as error:
         raise click.ClickException(str(error)) from error
+    except OSError as error:
+        raise click.ClickException(f"{to}: {error.strerror or error}") from error
     click.echo(f"{_counted(pads, drones)} have identities in {to / 'world'}.")
 
 
@@ -200,6 +203,8 @@ def run(
                 text = f"{path} {'is written' if written else 'stays: it says something else than the scenario'}."
                 click.echo(text, err=True)
         asyncio.run(run_scenario(found, Console(), as_json=as_json))
+    except PositionError as error:
+        raise click.ClickException(str(error)) from error
     except OSError as error:
         raise click.ClickException(f"{error.filename or scenario}: {error.strerror or error}") from error
 

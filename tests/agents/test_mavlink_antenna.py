@@ -14,12 +14,12 @@ from wonderland_uav_agent.position.mavlink.messages import (
     AskFor,
     Attitude,
     GlobalPosition,
-    GpsRaw,
     Heartbeat,
     Sender,
     SystemTime,
 )
 from wonderland_uav_agent.position.mavlink.navigator import Navigator
+from wonderland_uav_agent.position.receiver import GpsRaw
 
 LAT, LON = 604_518_000, 222_666_000
 FRAME = frame_at(LAT, LON, 30_000)

@@ -179,7 +179,7 @@ async def test_a_geoid_is_for_an_autopilot_that_has_none(tmp_path):
     for text, file, says in (
         ("mavlink:udp:127.0.0.1:0", tmp_path, "--geoid: .*Is a directory"),
         ("mavlink:udp:127.0.0.1:0", tmp_path / "none", "--geoid: .*No such file"),
-        ("udp:127.0.0.1:0", grid, "only with --position mavlink"),
+        ("udp:127.0.0.1:0", grid, "--geoid: not with this --position"),
     ):
         with pytest.raises(PositionError, match=says):
             async with sources.open_position(text, clock, file, wait=False):

@@ -18,15 +18,15 @@ from wonderland_uav_agent.position.mavlink.messages import (
     Acknowledged,
     AskFor,
     GlobalPosition,
-    GpsRaw,
     Heartbeat,
     OutOfStep,
     SayAlive,
     Sender,
     SystemTime,
 )
-from wonderland_uav_agent.position.mavlink.navigator import Navigator, horizontal_95_mm, vertical_95_mm
+from wonderland_uav_agent.position.mavlink.navigator import Navigator
 from wonderland_uav_agent.position.mavlink.wire import Wire
+from wonderland_uav_agent.position.receiver import GpsRaw, horizontal_95_mm, vertical_95_mm
 
 NOW = 1_800_000_000_000
 DRONE, OTHER = Sender(1, 1), Sender(7, 1)
@@ -34,6 +34,7 @@ COPTER, STATION = Heartbeat(2, 3), Heartbeat(6, 8)
 GPS = GpsRaw(3, 12_000, 31_400, 200, 400)
 HERE = GlobalPosition(30_000, 604_518_000, 222_666_000, 13_000)
 UTC = SystemTime((NOW + 40) * 1_000, 30_000)
+NO_TIME = SystemTime(0, 30_000)
 UINT32_MAX = 0xFFFFFFFF
 
 
@@ -45,11 +46,13 @@ def geoid(tmp_path_factory):
 class Told:
     """A navigator, and what it warned of."""
 
-    def __init__(self, *messages, now=NOW, geoid=None):
+    def __init__(self, *messages, now=NOW, geoid=None, time=NO_TIME):
         self.warned = []
         self.navigator = Navigator(self.warned.append, geoid)
         for message in messages:
             self.take(message, now)
+            if message is COPTER and time is not None:
+                self.take(time, now)
 
     def take(self, message, now, sender=DRONE):
         self.navigator.take(message, sender, now)
@@ -79,6 +82,30 @@ def test_a_claim_has_the_filters_place_the_receivers_accuracy_and_the_autopilots
 def test_accuracies_hold_95_percent_and_are_rounded_outwards():
     assert (horizontal_95_mm(1), horizontal_95_mm(1_000)) == (3, 2_450)
     assert (vertical_95_mm(1), vertical_95_mm(1_000)) == (2, 1_960)
+
+
+def test_a_time_that_is_about_to_come_is_waited_for_and_no_claim_goes_back():
+    """SYSTEM_TIME comes once a second; this autopilot is 204 ms behind."""
+    navigator = Navigator([].append, None)
+    times = []
+    for tenth in range(60):
+        boot_ms, now = 30_000 + 100 * tenth, NOW + 100 * tenth
+        for message in (COPTER, GPS, replace(HERE, boot_ms=boot_ms)):
+            navigator.take(message, DRONE, now)
+        if tenth % 10 == 7:
+            navigator.take(SystemTime((now - 204) * 1_000, boot_ms), DRONE, now)
+        times.append(navigator.claim(now))
+    assert times[:8] == [None] * 8
+    assert [claim.t_ms for claim in times[8:]] == [NOW + 100 * tenth - 204 for tenth in range(8, 60)]
+
+
+def test_where_no_time_ever_comes_the_arrival_stands_in():
+    navigator = Navigator([].append, None)
+    for tenth in range(31):
+        for message in (COPTER, GPS, replace(HERE, boot_ms=30_000 + 100 * tenth)):
+            navigator.take(message, DRONE, NOW + 100 * tenth)
+        assert (navigator.claim(NOW + 100 * tenth) is None) == (tenth < 30)
+    assert navigator.claim(NOW + 3_000).t_ms == NOW + 3_000
 
 
 def test_before_the_autopilot_knows_the_time_the_arrival_stands_in():
@@ -210,7 +237,7 @@ def test_another_boot_forgets_the_time_and_the_fix_of_the_one_before():
     assert told.why(NOW + 900).startswith("no GPS_RAW_INT")
     told.take(GPS, NOW + 950)
     told.take(replace(HERE, boot_ms=600), NOW + 1_000)
-    assert told.claim(NOW + 1_000).t_ms == NOW + 1_000, "by arrival: nothing maps this boot yet"
+    assert told.why(NOW + 1_000) == "the autopilot has not said its time yet"
     told.take(SystemTime((NOW + 1_200) * 1_000, 700), NOW + 1_100)
     told.take(replace(HERE, boot_ms=710), NOW + 1_110)
     assert told.claim(NOW + 1_110).t_ms == NOW + 1_210
@@ -252,7 +279,7 @@ def test_an_autopilot_whose_time_is_wrong_is_told_of_once():
 
 
 def test_it_asks_for_what_does_not_come_ever_more_rarely():
-    told = Told(COPTER)
+    told = Told(COPTER, time=None)
     assert told.navigator.outgoing(NOW) == [SayAlive(1)]
     asked = {33: [], 24: [], 2: []}
     for at in range(0, 20_000, 100):
@@ -276,7 +303,7 @@ def test_it_leaves_an_autopilot_alone_that_sends_by_itself_and_asks_one_that_sen
 
 
 def test_refusals_are_counted_and_said():
-    told = Told(COPTER)
+    told = Told(COPTER, time=None)
     told.navigator.outgoing(NOW + 600)
     for result in (0, 5, 3, 2):
         told.take(Acknowledged(511, result), NOW + 700)

@@ -1,4 +1,4 @@
-"""The pad's agent as a process of its own: ready, small, stopped by a signal, killed and back."""
+"""The pad's agent as a process of its own: ready, small, stopped by a signal, out and back."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ import sys
 
 import psutil
 import pytest
+from kit.agents import ANCHORS
 
 CONFIG = """
 pad_id = "pad-1"
 connection = "ledger/connection.json"
-spool = "spool"
+spool = "{spool}"
 prekeys = 6
 {anchors}
 [remote_id]
@@ -33,10 +34,10 @@ async def start_pad(world):
         f'[[anchors]]\nanchor_id = "{name}"\nport = "{world.directory / f"tty-{name}"}"\n'
         for name in ("A1", "A2", "A3", "A4")
     )
-    path.write_text(CONFIG.format(anchors=anchors))
     started = []
 
-    async def start():
+    async def start(spool="spool"):
+        path.write_text(CONFIG.format(anchors=anchors, spool=spool))
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-c",
@@ -78,16 +79,18 @@ async def test_ready_small_and_stopped_by_a_signal(world, start_pad):
     assert b"Traceback" not in errors, errors.decode()
 
 
-async def test_killed_in_mid_session_and_back_the_end_is_on_the_ledger(world, start_pad):
-    process = await start_pad()
+async def test_out_in_mid_session_and_back_the_end_is_on_the_ledger(world, start_pad, outage):
+    spool = outage.directory / "spool"
+    process = await start_pad(spool)
     async with world.uav() as uav:
         working = asyncio.create_task(uav.prove("pad-1", "land"))
         async with asyncio.timeout(10):
             while uav._runner is None or "reply" not in uav._runner._machine.steps:
                 await asyncio.sleep(0.01)
-        process.kill()
+        outage.strike(process.pid)
         await process.wait()
-        await start_pad()
+        outage.back()
+        await start_pad(spool)
         result = await working
     assert (result.state, result.end) == ("cancelled", "agent_restart")
     assert not world.acted
@@ -117,10 +120,10 @@ async def test_killed_while_somebody_waits_the_pad_is_not_given_twice_and_who_wa
     assert [verdict.uav_id for verdict in world.acted] == ["uav-1", "uav-2"]
 
 
-async def sessions(world):
-    """Those that ended with what was permitted, as their events tell of them."""
+async def sessions(world, event="InteractionCompleted"):
+    """As their events tell of them: those that ended with what was permitted, or otherwise."""
     contract, found = world.contract("mirror"), []
-    events = contract.events(start_block=0, names=frozenset({"InteractionCompleted"}))
+    events = contract.events(start_block=0, names=frozenset({event}))
     with contextlib.suppress(TimeoutError):
         while True:
             async with asyncio.timeout(0.5):
@@ -128,14 +131,41 @@ async def sessions(world):
     return found
 
 
-async def test_the_drones_command_proves_and_says_how(world, start_pad):
-    await start_pad()
+@pytest.fixture
+def track(world):
+    """Where the drone hovers, as a file of positions."""
     claim = world.flight.claim(0)
-    track = world.directory / "track.csv"
-    track.write_text(
+    path = world.directory / "track.csv"
+    path.write_text(
         "t_ms,lat_e7,lon_e7,height_mm,accuracy_mm,height_accuracy_mm\n"
         f"0,{claim.lat_e7},{claim.lon_e7},{claim.height_mm},500,500\n"
     )
+    return path
+
+
+async def test_the_drones_command_interrupted_is_no_refusal_and_no_fault_of_the_pad(world, start_pad, track):
+    await start_pad()
+    world.mute = set(ANCHORS)  # so that the session lasts
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", "from wonderland.cli import main; main()", "uav", "prove"),
+        *("--connection", str(world.directory / "ledger"), "--identity", "uav"),
+        *("--port", str(world.directory / "tty-uav"), "--position", f"track:{track}", "--pad", "pad-1"),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    async with asyncio.timeout(40):
+        while "request" not in (line := (await process.stderr.readline()).decode()):
+            assert line, "it has ended"
+        process.send_signal(signal.SIGINT)
+        output, _ = await process.communicate()
+    assert process.returncode == 1, output.decode()
+    assert "the drone’s agent was stopped" in output.decode()
+    (session,) = await sessions(world, "ProofCancelled")
+    assert (session["state"], session["end"], session["ended_by"]) == ("cancelled", "drone_stopped", "uav")
+
+
+async def test_the_drones_command_proves_and_says_how(world, start_pad, track):
+    await start_pad()
 
     async def prove(*more, command="prove"):
         process = await asyncio.create_subprocess_exec(

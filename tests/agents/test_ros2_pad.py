@@ -116,7 +116,7 @@ async def test_what_peers_publish_is_not_what_the_pad_says(world):
             transport.sendto(datagram)
         await asyncio.sleep(0.3)
         transport.close()
-        assert made._action._goals == {}
+        assert made._action._server.open() == []
         assert made._told["reporting"] is False
         assert (world.directory / "reports.sock").stat().st_mode & 0o077 == 0
 
@@ -145,7 +145,14 @@ async def test_the_action_follows_a_proof_to_its_verdict(world):
         goal_id = {"uuid": list(uuid.uuid4().bytes)}
         other_id = {"uuid": list(uuid.uuid4().bytes)}
         goal = {"uav_id": uav.uav_id, "purpose": "land", "wait_s": 30.0}
-        for bad in ({"purpose": "fly"}, {"uav_id": ""}, {"wait_s": math.nan}, {"wait_s": -1.0}, {"wait_s": 1e9}):
+        for bad in (
+            {"purpose": "fly"},
+            {"uav_id": ""},
+            {"wait_s": math.nan},
+            {"wait_s": -1.0},
+            {"wait_s": 1e9},
+            {"pad_id": "pad-2"},
+        ):
             answer = await call(client, f"{ACTION}/send_goal", kind.send_goal, goal_id=other_id, goal=goal | bad)
             assert not answer.accepted, bad
         for each, more in ((goal_id, {}), (other_id, {"uav_id": "nobody", "wait_s": 1.0})):

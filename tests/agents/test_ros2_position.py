@@ -17,7 +17,7 @@ from wonderland.clock import SteadyClock
 from wonderland_rmw_zenoh.node import Node
 from wonderland_uav_agent import sources
 from wonderland_uav_agent.position import PositionError
-from wonderland_uav_agent.position.ros2 import FixError, accuracies_m, claim_of
+from wonderland_uav_agent.position.fixes import FixError, accuracies_m, claim_of
 
 NOW = 1_790_000_000_000
 KIND = TYPES.message("sensor_msgs/msg/NavSatFix")

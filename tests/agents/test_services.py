@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import os
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -16,6 +14,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from kit.agents import ANCHORS
+from kit.service_manager import manager, next_said
 
 from wonderland.service_manager import ServiceManager
 from wonderland_uav_agent.commands import uav
@@ -33,21 +32,6 @@ def systemd_version():
         return 0
     said = subprocess.run(["systemd-analyze", "--version"], capture_output=True, text=True, check=False).stdout
     return int((re.match(r"systemd (\d+)", said) or [0, 0])[1])
-
-
-@contextlib.contextmanager
-def manager(directory):
-    """The socket of a service manager, and the environment that it gives."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as told:
-        path = str(directory / "notify")
-        told.bind(path)
-        told.setblocking(False)
-        yield told, {"NOTIFY_SOCKET": path, "WATCHDOG_USEC": "200000"}
-
-
-async def next_said(told):
-    async with asyncio.timeout(30):
-        return (await asyncio.get_running_loop().sock_recv(told, 4_096)).decode()
 
 
 async def test_it_hears_that_the_loop_turns_and_that_it_stops(tmp_path):
@@ -131,6 +115,7 @@ def test_there_are_units():
     assert [unit.name for unit in UNITS] == [
         "wonderland-backend.service",
         "wonderland-backup.service",
+        "wonderland-bus.service",
         "wonderland-pad.service",
         "wonderland-ros1.service",
         "wonderland-ros2.service",
@@ -168,6 +153,13 @@ def test_settings_are_explained_and_nothing_is_opened(prepared_ledger):
         "is held 8 m above it until a committed verdict permits the landing; after 3 proofs without one it returns",
     ):
         assert words in flown.output, flown.output
+    told = explained(
+        directory, text=f'remote_id = "mavlink"\n{TEXT}[open_drone_id]\noperator_id = "FIN87astrdge12k8-xyz"\n'
+    )
+    assert "It signs for what it broadcasts, by the word of mavlink." in told.output
+    assert "told to broadcast serial number uav-1 and operator FIN87astrdge12k8." in told.output
+    untold = explained(directory, text='position = "track:x.csv"\nremote_id = "mavlink"\n')
+    assert (untold.exit_code, "only with --position mavlink" in untold.output) == (1, True)
     plain = explained(directory, text='position = "track:x.csv"\n')
     assert "Nothing is asked of an autopilot" in plain.output
     open_ = explained(directory, text='position = "mavlink:udp:0.0.0.0:14540"\n[flight]\n')
@@ -178,3 +170,17 @@ def test_settings_are_explained_and_nothing_is_opened(prepared_ledger):
     assert "not in the range" in far.output
     flat = explained(directory, text=TEXT.replace(", -0.2", ""))
     assert "antenna is [0.1, 0], expected a list of length 3" in flat.output
+
+
+def test_without_a_backend_it_flies_by_permission_or_has_nobody_who_asks(prepared_ledger):
+    directory = prepared_ledger.parent
+    path = directory / "uav.toml"
+    alone = f'connection = "{directory}/ledger/connection.json"\nport = "/dev/ttyUSB0"\npads = ["pad-1"]\n{TEXT}'
+    path.write_text(alone)
+    flown = CliRunner().invoke(uav, ["serve", "--check", "--config", str(path)])
+    assert flown.exit_code == 0, flown.output
+    assert "It proves itself at pad-1 when it begins to land there; nobody else asks it" in flown.output
+    path.write_text(alone[: alone.index("[flight]")])
+    nobody = CliRunner().invoke(uav, ["serve", "--check", "--config", str(path)])
+    assert nobody.exit_code == 2
+    assert "--backend, --orders or [flight]" in nobody.output

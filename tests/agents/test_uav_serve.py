@@ -26,7 +26,7 @@ class Proving:
         self.asked.append((pad_id, action))
         await self.ends.wait()
 
-    def stop(self, reason="agent_stopped"):
+    def stop(self, reason="drone_stopped"):
         self.ends.set()
 
 

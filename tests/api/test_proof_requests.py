@@ -9,8 +9,10 @@ import pytest
 from jsonschema import Draft202012Validator
 from kit.backend import credentials_of
 from kit.description import document
+from sqlalchemy import select
 
 from wonderland.telemetry import PleaseProve
+from wonderland_backend.db.tables.webhooks import DeliveryRow
 from wonderland_uav_agent.requests import Requests, RequestsError, _said
 from wonderland_uav_agent.willing import Willing
 
@@ -148,6 +150,9 @@ async def test_subscribers_are_told_if_they_may_see_it(running, machine, chain, 
         ]
         assert [(each["type"], each["event_id"]) for each in told] == [("proof_request.created", asked["request_id"])]
         assert untold == []
+    async with running.context.database.read() as database:
+        (body,) = await database.scalars(select(DeliveryRow.body))
+    conforms("ProofRequestCreated", json.loads(body))
 
 
 async def test_an_agent_that_does_not_take_requests_is_sent_none(running, machine, agent_client):
@@ -189,7 +194,7 @@ async def test_a_willing_drone_does_one_proof_at_a_time():
 
             return Result()
 
-        def stop(self, reason="agent_stopped"):
+        def stop(self, reason="drone_stopped"):
             gate.set()
 
     willing = Willing(Agent(), frozenset({"pad-1"}))

@@ -14,7 +14,9 @@ import trustme
 from jsonschema import Draft202012Validator
 from kit.description import document
 from kit.webhooks import SCOPES, Receiver, ca, loopback, poster, webhooks
+from sqlalchemy import select
 
+from wonderland_backend.db.tables.audit import AuditRow
 from wonderland_backend.http.targets import Destinations, TargetRefused, check_url, is_public, resolved
 from wonderland_backend.webhooks import post as posting
 from wonderland_backend.webhooks.deliver import GIVE_UP_MS, LEASE_MS, Webhooks
@@ -116,6 +118,56 @@ async def test_what_fails_is_tried_again_then_given_up_and_sent_again_by_hand(ru
         await work(webhooks)
         assert (await delivery())["state"] == "delivered"
         assert {headers["webhook-id"] for _, headers, _ in receiver.requests} == {dead["delivery_id"]}
+
+
+async def test_it_can_be_tried_and_says_what_came_back(running, machine, webhooks, ca):
+    receiver = Receiver()
+    receiver.answers = [204, 302, 500]
+    async with receiver.listening(ca) as port, machine(SCOPES, name="Bot") as http, machine(SCOPES) as other:
+        body = {"url": f"https://hooks.example:{port}/in", "types": ["ProofDecided"]}
+        answer = await http.post("/api/v1/subscriptions", json=body)
+        path, made = answer.headers["location"], answer.json()
+        await http.patch(path, json={"state": "paused"})
+        for status in (204, 302, 500):
+            told = await http.post(f"{path}/test")
+            assert told.status_code == 200, told.text
+            conforms("WebhookTest", told.json())
+            assert (told.json()["arrived"], told.json()["status"]) == (status == 204, status)
+            _, headers, sent = receiver.requests[-1]
+            event = checked(made["secret"], headers, sent)
+            conforms("WebhookTestEvent", event)
+            assert (event["type"], event["id"]) == ("webhook.test", headers["webhook-id"])
+            assert (told.json()["body"].encode(), told.json()["headers"]) == (
+                sent, {name: headers[name] for name in ("webhook-id", "webhook-timestamp", "webhook-signature")},
+            )  # fmt: skip
+        assert len({headers["webhook-id"] for _, headers, _ in receiver.requests}) == 3
+        assert (await http.get(f"{path}/deliveries")).json()["items"] == [], "nothing of it is tried again"
+        assert (await other.post(f"{path}/test")).status_code == 404
+    async with machine(SCOPES) as http:
+        path = (await http.post("/api/v1/subscriptions", json=body)).headers["location"]
+        gone = (await http.post(f"{path}/test")).json()
+        conforms("WebhookTest", gone)
+        assert (gone["arrived"], "status" in gone, gone["problem"][:12]) == (False, False, "ConnectError")
+    async with running.context.database.read() as database:
+        rows = (await database.scalars(select(AuditRow).where(AuditRow.act == "test_subscription"))).all()
+    assert [json.loads(each.detail) for each in rows] == [
+        {"arrived": True, "status": 204}, {"arrived": False, "status": 302}, {"arrived": False, "status": 500},
+        {"arrived": False},
+    ]  # fmt: skip
+
+
+async def test_it_is_tried_six_times_a_minute_at_most(machine, webhooks, ca, clock):
+    receiver = Receiver()
+    async with receiver.listening(ca) as port, machine(SCOPES) as http:
+        body = {"url": f"https://hooks.example:{port}/in"}
+        paths = [(await http.post("/api/v1/subscriptions", json=body)).headers["location"] for _ in range(2)]
+        answers = [await http.post(f"{paths[each % 2]}/test") for each in range(7)]
+        assert [each.status_code for each in answers] == [200] * 6 + [429]
+        assert answers[-1].json()["type"] == "urn:wonderland:problem:too-many-requests"
+        assert answers[-1].headers["retry-after"] == "60"
+        assert len(receiver.requests) == 6
+        clock.now_ms += 60_000
+        assert (await http.post(f"{paths[0]}/test")).status_code == 200
 
 
 async def test_only_what_is_there_is_sent_again(running, machine, webhooks):

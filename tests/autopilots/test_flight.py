@@ -18,7 +18,7 @@ from wonderland.clock import SteadyClock
 from wonderland.proofs.frame import to_local
 from wonderland_edge_agent.geodesy import frame_at
 from wonderland_uav_agent.flight import FlightSettings, Gate, Pilot
-from wonderland_uav_agent.flight.gatekeeper import Phase
+from wonderland_uav_agent.flight.approach import Phase
 from wonderland_uav_agent.flight.vehicle import Mode
 from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress
 from wonderland_uav_agent.session.events import OwnRange

@@ -10,7 +10,7 @@ from kit.ground_station import dialect
 from kit.sitl import metres_between
 
 from wonderland_uav_agent.position.mavlink import TcpAddress
-from wonderland_uav_agent.position.mavlink.navigator import GRID_95_MM, horizontal_95_mm, vertical_95_mm
+from wonderland_uav_agent.position.receiver import GRID_95_MM, horizontal_95_mm, vertical_95_mm
 
 pytestmark = pytest.mark.timeout(240)
 

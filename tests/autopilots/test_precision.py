@@ -8,7 +8,7 @@ import pytest
 from kit.above_a_pad import above_a_pad
 from kit.ground_station import dialect
 
-from wonderland_uav_agent.flight.gatekeeper import Phase
+from wonderland_uav_agent.flight.approach import Phase
 
 pytestmark = pytest.mark.timeout(420)
 

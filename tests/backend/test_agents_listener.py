@@ -22,7 +22,7 @@ from wonderland_backend.listening import Listen, Sockets, only_agents
 from wonderland_backend.registry.queries import organisations
 from wonderland_backend.serve import new_agents_server, new_server
 from wonderland_edge_agent.spool import Spool
-from wonderland_edge_agent.uplink import Uplink
+from wonderland_edge_agent.uplink import Uplink, WebSocketTransport
 from wonderland_fabric_gateway.ca import Kind
 from wonderland_fabric_gateway.connection import ClientTls
 
@@ -172,7 +172,9 @@ async def test_an_agent_that_was_led_to_a_relay_is_not_let_in(
             await Spool.open(tmp_path / "spool", owner="pad-1") as spool,
         ):
             url = f"wss://localhost:{relay.sockets[0].getsockname()[1]}/ingest"
-            uplink = Uplink(url, credentials_of(enrolment), spool, ssl_context=tls_of(web.file, None))
+            uplink = Uplink(
+                WebSocketTransport(url, ssl_context=tls_of(web.file, None)), credentials_of(enrolment), spool
+            )
             await uplink.start()
             try:
                 async with asyncio.timeout(10):
@@ -275,10 +277,9 @@ async def test_agents_have_a_listener_of_their_own(new_backend, source_of, chain
         async with await Spool.open(tmp_path / "spool", owner="pad-1") as spool:
             await spool.append("health", START_MS, HEALTH[1], evidence=False)
             uplink = Uplink(
-                f"wss://localhost:{agents}/ingest",
+                WebSocketTransport(f"wss://localhost:{agents}/ingest", ssl_context=tls_of(web.file, shown)),
                 credentials_of(enrolment),
                 spool,
-                ssl_context=tls_of(web.file, shown),
             )
             await uplink.start()
             async with asyncio.timeout(10):

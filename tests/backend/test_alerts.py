@@ -446,6 +446,7 @@ async def test_a_webhook_is_signed_tried_again_and_sent_once(new_backend, servin
     content = json.loads(body)
     assert content["alert"]["uav_id"] == "uav-2"
     assert "uav-2 is not where it says" in content["text"]
+    conforms("AlertTold", content)
 
 
 class Mailbox(Message):

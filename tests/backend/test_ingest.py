@@ -9,12 +9,17 @@ import json
 
 import pytest
 import websockets
+from kit.backend import furnish, serving
+from kit.bus_agents import BusAgents
+from kit.facts import Facts
+from kit.ways import WAYS
 from sqlalchemy import func, select
 
 from wonderland_backend.db.tables.ledger import VerdictRow
 from wonderland_backend.db.tables.reported import IrregularRow, SpoolRow, StepRow, TrackRow
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.rows import OrganisationWrite
+from wonderland_bus.errors import BusUnreachableError
 
 START_MS = 1_800_000_000_000
 TRACK = {
@@ -55,6 +60,25 @@ def estimate(session_id, **more):
 
 def step(session_id, name="poll", **more):
     return {"session_id": session_id, "uav_id": "uav-1", "step": name, "t_ms": START_MS + 30, "ok": True} | more
+
+
+@pytest.fixture(scope="module")
+def bus_agents(tmp_path_factory, authorities):
+    with BusAgents(tmp_path_factory.mktemp("bus") / "agents", authorities).router() as agents:
+        yield agents
+
+
+@pytest.fixture(params=WAYS)
+async def running(request, new_backend, chain, source_of):
+    """The same by WebSocket and over a bus."""
+    furnish(chain)
+    bus = request.getfixturevalue("bus_agents") if request.param == "zenoh" else None
+    async with serving(new_backend(source_of(chain), **({} if bus is None else {"bus": bus.settings}))) as client:
+        await client.mirrored(chain.height)
+        if bus is not None:
+            client.bus = bus
+            await client.backend.bus.listener.listening.wait()
+        yield client
 
 
 async def count(running, model):
@@ -257,6 +281,41 @@ async def test_the_certificate_must_be_of_that_agent(running, agent_client, auth
             await closed_with(socket, 4403)
 
 
+async def test_another_organisations_pad_of_the_same_name_is_not_it(running, agent_client, authorities):
+    """Its authority is one of the channel's: who may be called pad-1 is told by the ledger."""
+    theirs = authorities.enrol("pad-1", "FleetMSP", role="pad", id="pad-1")
+    drone = authorities.enrol("uav-1", "PadMSP", role="uav", id="uav-1")
+    async with running.connect("/ingest") as socket:
+        agent = agent_client(socket)
+        await agent.hello()
+        for who in (
+            {"enrolment": theirs, "msp_id": "FleetMSP"},
+            {"enrolment": theirs, "msp_id": "FleetMSP", "spool": "1" * 32},
+            {"enrolment": drone, "agent": "uav", "agent_id": "uav-1"},
+        ):
+            async with running.connect("/ingest") as other:
+                refused = await agent_client(other, **who).hello()
+                assert (refused["type"], refused["code"]) == ("refused", "wrong_organisation"), refused
+                await closed_with(other, 4403)
+        assert (await agent.report(("track", TRACK)))["type"] == "ack"
+    async with running.connect("/ingest") as other:
+        refused = await agent_client(other, enrolment=theirs, msp_id="FleetMSP").hello()
+        assert refused["message"] == "on the ledger pad-1 belongs to PadMSP, not to FleetMSP"
+
+
+async def test_a_pad_that_the_ledger_gives_to_somebody_else_is_sent_away(running, agent_client, authorities, chain):
+    """Until it was registered nobody was known to own it."""
+    early = authorities.enrol("pad-9", "FleetMSP", role="pad", id="pad-9")
+    async with running.connect("/ingest") as first:
+        assert (await agent_client(first, agent_id="pad-9", enrolment=early, msp_id="FleetMSP").hello())["type"] == (
+            "welcome"
+        )
+        chain.add(Facts().put_pad("pad-9"))
+        await closed_with(first, 4401)
+    async with running.connect("/ingest") as second:
+        assert (await agent_client(second, agent_id="pad-9").hello())["type"] == "welcome"
+
+
 async def test_a_recorded_hello_serves_no_second_time(running, agent_client):
     async with running.connect("/ingest") as socket:
         agent = agent_client(socket)
@@ -284,8 +343,14 @@ async def test_expired_and_foreign_certificates(running, agent_client, authoriti
         "pad-1", attributes={"pol.role": "pad", "pol.id": "pad-1"}
     )
     async with running.connect("/ingest") as socket:
-        refused = await agent_client(socket, enrolment=impostor).hello()
-        assert refused["code"] == "not_authenticated"
+        if running.bus is None:
+            refused = await agent_client(socket, enrolment=impostor).hello()
+            assert refused["code"] == "not_authenticated"
+        else:
+            with pytest.raises(
+                BusUnreachableError, match="knows an authority of that name, which did not issue this certificate"
+            ):
+                await agent_client(socket, enrolment=impostor).hello()
     clock.now_ms += 50 * 365 * 86_400_000
     async with running.connect("/ingest") as socket:
         refused = await agent_client(socket).hello()
@@ -296,18 +361,19 @@ async def test_expired_and_foreign_certificates(running, agent_client, authoriti
 async def test_a_revocation_on_the_ledger_shuts_the_agent_out(running, agent_client, authorities, database):
     from wonderland_backend.db.tables.ledger import OrganisationRow
 
-    enrolment = authorities.enrol("pad-7", "PadMSP", role="pad", id="pad-7")
+    pad_id = "pad-7" if running.bus is None else "pad-8"
+    enrolment = authorities.enrol(pad_id, "PadMSP", role="pad", id=pad_id)
     async with running.connect("/ingest") as socket:
-        assert (await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello())["type"] == "welcome"
+        assert (await agent_client(socket, agent_id=pad_id, enrolment=enrolment).hello())["type"] == "welcome"
         running.backend.standing.check()
-        assert running.parts.agents.is_connected("pad-7")
+        assert running.parts.agents.is_connected(pad_id)
     ca = authorities.cas["PadMSP"]
     ca.revoke(serial=enrolment.certificate.serial)
     async with database.read() as session:
         definitions = {row.msp_id: json.loads(row.definition) for row in await session.scalars(select(OrganisationRow))}
     definitions["PadMSP"]["revocation_lists"] = [ca.revocation_list_pem().decode()]
     async with running.connect("/ingest") as socket, running.connect("/ingest") as other:
-        await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello()
+        await agent_client(socket, agent_id=pad_id, enrolment=enrolment).hello()
         await agent_client(other).hello()
         organisations = [
             OrganisationWrite(msp_id, json.dumps(each), block=9, tx_index=0) for msp_id, each in definitions.items()
@@ -316,7 +382,7 @@ async def test_a_revocation_on_the_ledger_shuts_the_agent_out(running, agent_cli
         await closed_with(socket, 4401)
         assert running.parts.agents.is_connected("pad-1")
     async with running.connect("/ingest") as socket:
-        refused = await agent_client(socket, agent_id="pad-7", enrolment=enrolment).hello()
+        refused = await agent_client(socket, agent_id=pad_id, enrolment=enrolment).hello()
         assert refused["code"] == "not_authenticated"
         assert "revoked" in refused["message"]
     definitions["PadMSP"]["revocation_lists"] = ["rubbish"]
@@ -565,7 +631,7 @@ async def test_absurd_records_are_refused_alone(running, agent_client):
 
 async def test_silent_connections_shut_no_agent_out(running, agent_client, monkeypatch):
     """Whoever opens many and says nothing loses the oldest; agents say who they are at once."""
-    monkeypatch.setattr("wonderland_backend.ingest.endpoints.MAX_UNPROVEN", 3)
+    monkeypatch.setattr("wonderland_backend.ingest.serving.MAX_UNPROVEN", 3)
     async with contextlib.AsyncExitStack() as stack:
         silent = [await stack.enter_async_context(running.connect("/ingest")) for _ in range(5)]
         for socket in silent:
@@ -581,6 +647,7 @@ async def test_silent_connections_shut_no_agent_out(running, agent_client, monke
             await asyncio.sleep(0.01)
 
 
+@pytest.mark.parametrize("running", ["websocket"], indirect=True)
 async def test_browsers_of_other_origins_get_no_further(running):
     with pytest.raises(websockets.InvalidStatus) as refused:
         async with running.connect("/ingest", origin="http://evil.example"):

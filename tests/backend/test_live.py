@@ -10,6 +10,7 @@ import pytest
 import websockets
 
 from wonderland_backend.live import hub as hub_module
+from wonderland_backend.live.aside import Aside
 from wonderland_backend.live.hub import Client, Hub
 
 START_MS = 1_800_000_000_000
@@ -293,6 +294,9 @@ class FakeBoard:
         self.taken += 1
         return {"tracks": self.changes.pop(0)} if self.changes else {}
 
+    def take_aside(self):
+        return Aside()
+
     def snapshot(self):
         return {"pads": ["p"], "tracks": []}
 
@@ -311,13 +315,13 @@ def new_hub(clock, **options):
 
 
 def test_nothing_changed_nothing_sent(hub):
-    client, _ = hub.join("p", None)
+    client = hub.join("p", None)
     hub.tick()
     assert (hub.seq, len(client.frames)) == (0, 0)
 
 
 def test_a_silence_is_broken_by_a_heartbeat_of_few_bytes(hub, clock):
-    client, _ = hub.join("p", None)
+    client = hub.join("p", None)
     for _ in range(4):
         clock.now_ms += hub_module.HEARTBEAT_MS // 2
         hub.tick()
@@ -339,9 +343,9 @@ def test_a_frame_is_packed_once_for_all_who_see_the_same(monkeypatch, clock):
     compress = zlib.compress
     monkeypatch.setattr(hub_module.zlib, "compress", lambda *args: packings.append(args) or compress(*args))
     hub = new_hub(clock, client_queue_bytes=10_000)
-    packed = [hub.join("p", None, takes_packed=True)[0] for _ in range(2)]
-    plain, _ = hub.join("q", None)
-    hub._board.changes = [["long " * 1_000], ["short"]]
+    packed = [hub.join("p", None, takes_packed=True) for _ in range(2)]
+    plain = hub.join("q", None)
+    hub.board.changes = [["long " * 1_000], ["short"]]
     hub.tick()
     assert len(packings) == 1
     assert packed[0].frames[0] is packed[1].frames[0]
@@ -353,38 +357,38 @@ def test_a_frame_is_packed_once_for_all_who_see_the_same(monkeypatch, clock):
 
 
 def test_one_encoding_for_all(hub):
-    clients = [hub.join("p", None)[0] for _ in range(3)]
-    hub._board.changes = [[1, 2]]
+    clients = [hub.join("p", None) for _ in range(3)]
+    hub.board.changes = [[1, 2]]
     hub.tick()
     frames = {id(client.frames[0]) for client in clients}
     assert len(frames) == 1
 
 
 def test_what_is_pending_goes_out_before_a_snapshot(hub):
-    first, _ = hub.join("p", None)
-    hub._board.changes = [[1]]
-    _, frames = hub.join("p", None)
+    first = hub.join("p", None)
+    hub.board.changes = [[1]]
+    frames = hub.join("p", None).first
     assert json.loads(next(frames))["seq"] == 1
     assert len(first.frames) == 1
 
 
 def test_the_ring_is_bounded(clock):
     hub = new_hub(clock, ring_bytes=600)
-    hub._board.changes = [["x" * 100] for _ in range(50)]
+    hub.board.changes = [["x" * 100] for _ in range(50)]
     for _ in range(50):
         hub.tick()
     assert hub._ring_bytes <= 600
-    assert sum(len(frame) for _, frame in hub._ring) == hub._ring_bytes
-    _, frames = hub.join("p", ("e" * 16, 49))
+    assert sum(len(frame.text) for frame in hub._ring) == hub._ring_bytes
+    frames = hub.join("p", ("e" * 16, 49)).first
     assert json.loads(next(frames))["resumed"] is True
     assert json.loads(next(frames))["seq"] == 50
-    _, frames = hub.join("p", ("e" * 16, 1))
+    frames = hub.join("p", ("e" * 16, 1)).first
     assert json.loads(next(frames))["resumed"] is False
 
 
 async def test_a_full_queue_closes_and_forgets(hub):
-    client, _ = hub.join("p", None)
-    hub._board.changes = [["x" * 400] for _ in range(5)]
+    client = hub.join("p", None)
+    hub.board.changes = [["x" * 400] for _ in range(5)]
     for _ in range(5):
         hub.tick()
     assert client.close_code == 4408
@@ -397,8 +401,10 @@ async def test_a_full_queue_closes_and_forgets(hub):
 async def test_a_server_that_cannot_keep_up_sends_less_often(clock, monkeypatch):
     monkeypatch.setattr(hub_module, "LONGEST_PAUSE_S", 1_000)
     hub = new_hub(clock, client_queue_bytes=10_000)
-    clients = [hub.join("p", None)[0] for _ in range(3)]
-    hub._board.changes = [[number] for number in range(200)]
+    clients = [hub.join("p", None) for _ in range(3)]
+    for client in clients:
+        client.begin(iter(()))  # they have taken the beginning
+    hub.board.changes = [[number] for number in range(200)]
 
     async def beyond(seq):
         async with asyncio.timeout(20):
@@ -428,9 +434,9 @@ async def test_a_server_that_cannot_keep_up_sends_less_often(clock, monkeypatch)
 def test_too_many_viewers(hub):
     for _ in range(3):
         hub.join("p", None)
-    client, frames = hub.join("p", None)
+    client = hub.join("p", None)
     assert client.close_code == 4429
-    assert list(frames) == []
+    assert list(client.first) == []
     assert len(hub) == 3
 
 

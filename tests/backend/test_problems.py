@@ -10,14 +10,15 @@ from pathlib import Path
 
 import pytest
 
+import wonderland.registry
 import wonderland_backend
-from wonderland import messages
-from wonderland_backend import problem_texts
+from wonderland import messages, problems
+from wonderland.problems import SaidError
 from wonderland_backend.errors import Problem
 from wonderland_backend.field_texts import KINDS, PREFIX
-from wonderland_backend.problem_texts import SaidError
 
 SOURCE = Path(wonderland_backend.__file__).parent
+CORE = Path(wonderland.registry.__file__).parent
 
 
 def kinds():
@@ -42,12 +43,12 @@ SAYING = {"said": "problems", "ArchiveError": "maps", "ReplacedError": "maps", "
 
 def sentences(domain):
     """Every sentence of a catalogue that the backend says: where, its key, the facts that it gives."""
-    for path in SOURCE.rglob("*.py"):
+    for path in [*SOURCE.rglob("*.py"), *CORE.rglob("*.py")]:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Call) and SAYING.get(getattr(node.func, "id", "")) == domain:
                 key, facts = node.args[0], {each.arg for each in node.keywords}
                 assert isinstance(key, ast.Constant), f"{path}:{node.lineno}: its key stands where it is said"
-                yield f"{path.relative_to(SOURCE)}:{node.lineno}", key.value, facts
+                yield f"{path}:{node.lineno}", key.value, facts
 
 
 @pytest.mark.parametrize("language", messages.LANGUAGES)
@@ -63,14 +64,14 @@ def test_every_sentence_is_in_every_language_with_the_facts_that_are_given(domai
 
 def test_what_no_catalogue_has_cannot_be_said():
     with pytest.raises(KeyError):
-        problem_texts.said("nothing_of_the_kind")
+        problems.said("nothing_of_the_kind")
 
 
 def test_what_stands_in_a_sentence_is_in_its_language_too():
-    refused = SaidError(problem_texts.said("target_no_url"))
-    text = problem_texts.said("bad_url", why=refused)
+    refused = SaidError(problems.said("target_no_url"))
+    text = problems.said("bad_url", why=refused)
     assert (str(text), text.text("fi")) == ("url: this is no URL.", "url: tämä ei ole URL.")
-    assert str(problem_texts.said("bad_url", why=ValueError("what it says"))) == "url: what it says."
+    assert str(problems.said("bad_url", why=ValueError("what it says"))) == "url: what it says."
 
 
 async def test_the_request_chooses_the_language(running):

@@ -340,6 +340,7 @@ async def test_health_and_metrics(running, clock):
         bearer = {"Authorization": "Bearer " + "x" * 20}
         assert (await stranger.get("/api/v1/metrics", headers=bearer)).status_code == 401
     text = (await running.get("/metrics")).text
+    assert "wonderland_backend_on_duty 1.0" in text
     assert "wonderland_mirror_blocks 7.0" in text
     assert "wonderland_mirror_transactions_total 14.0" in text
 
@@ -350,7 +351,7 @@ async def test_the_description_is_served_and_stable(running):
     assert json.dumps(openapi(new_app(Settings(), frozenset(), None))) == json.dumps(DOCUMENT)
     operations = [each for path in DOCUMENT["paths"].values() for each in path.values()]
     assert len({each["operationId"] for each in operations}) == len(operations)
-    for name in ("LiveHello", "LiveSnapshot", "LiveDelta", "SessionState", "VerdictSummary"):
+    for name in ("LiveHello", "LiveSnapshot", "LiveDelta", "SessionSummary", "VerdictSummary"):
         assert name in DOCUMENT["components"]["schemas"]
 
 
@@ -366,7 +367,7 @@ def test_every_reference_of_the_description_resolves():
                 yield from references(item)
 
     components = DOCUMENT["components"]
-    known = {f"#/components/{kind}/{name}" for kind in ("schemas", "headers") for name in components[kind]}
+    known = {f"#/components/{kind}/{name}" for kind in ("schemas", "headers", "responses") for name in components[kind]}
     assert set(references(DOCUMENT)) <= known
 
 

@@ -31,8 +31,11 @@ async def asked(tmp_path):
 @pytest.mark.parametrize("start", ["/api", "/oauth", "/.well-known", "/uss", "/metrics", "/health", "/ingest"])
 async def test_no_page_of_the_console_is_where_machines_ask(asked, start):
     assert (await asked.get("/map")).text == "the page"
-    answer = await asked.get(f"{start}/nothing/here")
-    assert (answer.status_code, answer.headers["content-type"]) == (404, "application/problem+json")
+    for path in (start, f"{start}/", f"{start}/nothing", f"{start}/nothing/here"):
+        for method in ("GET", "POST", "OPTIONS", "HEAD"):
+            answer = await asked.request(method, path)
+            told = (answer.status_code, answer.headers["content-type"], "allow" in answer.headers)
+            assert told == (404, "application/problem+json", False), (method, path)
 
 
 @pytest.mark.parametrize(
@@ -40,6 +43,8 @@ async def test_no_page_of_the_console_is_where_machines_ask(asked, start):
     [
         ("/api/v1/people/someone", "DELETE, GET, HEAD, PATCH"),
         ("/oauth/token", "POST"),
+        ("/api/v1/openapi.json", "GET, HEAD"),
+        ("/api/v1/reference", "GET, HEAD"),
         ("/api/v1/pads", "GET, HEAD"),
         ("/api/v1/session", "DELETE, GET, HEAD, POST"),
     ],

@@ -89,19 +89,20 @@ class Sessions:
 
 
 @contextlib.asynccontextmanager
-async def sessions(directory, *, policy, rounds=10_000, ledger="embedded", pad=PADS[0], board=None):
-    """A stage with one pad and one drone, ready to prove.
+async def played(
+    directory, *, policy, rounds=10_000, ledger="embedded", pad=PADS[0], board=None, starting=contextlib.nullcontext
+):
+    """A stage with one pad at work and the nodes and position of one drone, whose agent is the caller's.
 
-    ``policy``: of the pad; ``rounds``: of the recording; ``board``: of all nodes, the pad's own unless given.
+    ``policy``: of the pad; ``rounds``: of the recording; ``board``: of all nodes, the pad's own unless given;
+    ``starting``: entered while the pad's agent is started.
     """
     board = board or pad.board
     drone = DroneSpec(UAV_ID, "Bench", pad.pad_id, "land", Behaviour.HONEST, HOVER_M, HOVER_M, 0.0)
     settings = StageSettings(
         (pad,), (drone,), policy=lambda _: policy, ledger=ledger, commissioning=lambda _: commissioned(pad, board)
     )
-    stage = Stage(directory, settings)
-    async with contextlib.AsyncExitStack() as stack:
-        await stack.enter_async_context(stage)
+    async with Stage(directory, settings) as stage:
         port = stage.ports.position[UAV_ID]
         playback = Playback(hovering(pad, rounds), pad, UAV_ID, directory, port, lambda truth: truth, board=board)
         if pad.clock_sigma_mm is not None:
@@ -109,34 +110,43 @@ async def sessions(directory, *, policy, rounds=10_000, ledger="embedded", pad=P
         air = asyncio.ensure_future(playback.run())
         try:
             await asyncio.sleep(0)
-            await stage.start_pads()
-            connection, clock = stage.connection, SteadyClock()
-            identity, signer = connection.identity(UAV_ID), connection.signer(UAV_ID)
-            channel = await stack.enter_async_context(connection.open_channel())
-            network = Gateway(channel, identity, signer).network(connection.channel)
-            contract = ProofContract(network, connection.chaincode)
-            radio = await stack.enter_async_context(UavRadio(drone_path(directory, UAV_ID), clock))
-            port = ("127.0.0.1", stage.ports.position[UAV_ID])
-            position = await stack.enter_async_context(AutopilotPosition(port, clock))
-            events = await stack.enter_async_context(LedgerEvents(contract))
-
-            async def land(_verdict):
-                return "done"
-
-            agent = UavAgent(
-                uav_id=UAV_ID,
-                ledger=contract,
-                events=events,
-                identity=identity,
-                signer=signer,
-                radio=radio,
-                position=position,
-                act=land,
-                clock=clock,
-            )
-            await position.wait(10)
-            yield Sessions(stage, agent, identity)
+            with starting():
+                await stage.start_pads()
+            yield stage
         finally:
             air.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await air
+
+
+@contextlib.asynccontextmanager
+async def sessions(directory, **of_the_stage):
+    """As `played`, and the drone's agent in this process, ready to prove."""
+    async with contextlib.AsyncExitStack() as stack:
+        stage = await stack.enter_async_context(played(directory, **of_the_stage))
+        connection, clock = stage.connection, SteadyClock()
+        identity, signer = connection.identity(UAV_ID), connection.signer(UAV_ID)
+        channel = await stack.enter_async_context(connection.open_channel())
+        network = Gateway(channel, identity, signer).network(connection.channel)
+        contract = ProofContract(network, connection.chaincode)
+        radio = await stack.enter_async_context(UavRadio(drone_path(directory, UAV_ID), clock))
+        port = ("127.0.0.1", stage.ports.position[UAV_ID])
+        position = await stack.enter_async_context(AutopilotPosition(port, clock))
+        events = await stack.enter_async_context(LedgerEvents(contract))
+
+        async def land(_verdict):
+            return "done"
+
+        agent = UavAgent(
+            uav_id=UAV_ID,
+            ledger=contract,
+            events=events,
+            identity=identity,
+            signer=signer,
+            radio=radio,
+            position=position,
+            act=land,
+            clock=clock,
+        )
+        await position.wait(10)
+        yield Sessions(stage, agent, identity)

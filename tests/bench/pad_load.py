@@ -27,7 +27,7 @@ from wonderland_edge_agent.receiver.sources.udp import UdpSource
 from wonderland_edge_agent.reporting import SpoolReporter
 from wonderland_edge_agent.spool import Spool
 from wonderland_edge_agent.spool.store import StoredRecord
-from wonderland_edge_agent.uplink import Uplink, UplinkProtocol
+from wonderland_edge_agent.uplink import Uplink, UplinkProtocol, WebSocketTransport
 from wonderland_fabric_gateway.signing import key_signer
 
 LINGER_S = 0.05
@@ -113,7 +113,7 @@ async def receiver(url, credentials):
                 on_finding=lambda _: None,
             )
             await hearing.start()
-            uplink = Uplink(url, credentials, spool)
+            uplink = Uplink(WebSocketTransport(url), credentials, spool)
             await uplink.start()
             try:
                 while not uplink.status.connected:

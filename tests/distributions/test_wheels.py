@@ -93,6 +93,13 @@ def test_rmw_zenoh(install):
     alone.python(program.format(str(ROOT / "libraries" / "rmw_zenoh" / "README.md")))
 
 
+def test_bus(install):
+    alone = install("wonderland-bus")
+    assert alone.needed.ours == {"wonderland-bus"}
+    program = "import doctest, sys; sys.exit(doctest.testfile({!r}, module_relative=False).failed)"
+    alone.python(program.format(str(ROOT / "libraries" / "bus" / "README.md")))
+
+
 def test_the_gateways_readme_runs_against_an_embedded_ledger(install, tmp_path):
     """The program of its README, word for word, from an environment with the client alone."""
     page = (ROOT / "libraries" / "fabric_gateway" / "README.md").read_text()

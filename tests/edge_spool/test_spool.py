@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import os
-import signal
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from kit.outages import Killed as Outage
 
 from wonderland_edge_agent.spool import (
     RecordRefusedError,
@@ -237,30 +237,31 @@ asyncio.run(main())
 
 
 @pytest.mark.parametrize("delay_s", [0.02, 0.05, 0.11])
-async def test_killed_in_the_middle_loses_nothing_it_promised(tmp_path: Path, delay_s: float) -> None:
+async def test_an_outage_in_the_middle_loses_nothing_it_promised(outage: Outage, delay_s: float) -> None:
     stored: set[int] = set()
     began: set[str] = set()
     ended: set[str] = set()
     taken: set[str] = set()
     for awaited in (b"began", b"stored", b"stored"):
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-c", WRITER, str(tmp_path), stdout=subprocess.PIPE
+            sys.executable, "-c", WRITER, str(outage.directory), stdout=subprocess.PIPE
         )
         assert process.stdout is not None
         first = await process.stdout.readline()
         while awaited not in first:  # however busy the machine is
             first += await process.stdout.readline()
         await asyncio.sleep(delay_s)
-        process.send_signal(signal.SIGKILL)
+        outage.strike(process.pid)
         output = first + await process.stdout.read()
         await process.wait()
+        outage.back()
         for line in output.decode().splitlines():
             word, value = line.split()
             if word == "stored":
                 stored.add(int(value))
             else:
                 {"began": began, "ended": ended, "took": taken}[word].add(value)
-        async with await open_spool(tmp_path) as spool:
+        async with await open_spool(outage.directory) as spool:
             status = spool.status
             records = await spool.pending(0, max_records=10**6, max_bytes=10**9)
             # Every number after the acknowledged ones is there, and so is all that was said to be stored.

@@ -26,7 +26,7 @@ from wonderland_backend.serve import new_server
 from wonderland_backend.settings import Settings
 from wonderland_edge_agent.receiver import Assembler
 from wonderland_edge_agent.spool import Spool
-from wonderland_edge_agent.uplink import Uplink, UplinkTimings
+from wonderland_edge_agent.uplink import Uplink, UplinkTimings, WebSocketTransport
 from wonderland_fabric_gateway.ca.local import LocalCa
 from wonderland_fabric_gateway.signing import key_signer
 from wonderland_remote_id import BasicId, HorizontalAccuracy, Location, OperatorId, Pack, encode
@@ -163,7 +163,7 @@ async def test_everything_a_pad_reports_is_taken(
         },
     )
     async with serving(database, organisation) as served:
-        uplink = Uplink(served.url, credentials, spool, timings=FAST)
+        uplink = Uplink(WebSocketTransport(served.url), credentials, spool, timings=FAST)
         await uplink.start()
         await until(lambda: spool.status.last_seq == 603 and spool.status.records == 0)
         assert uplink.status.rejected_records == 0
@@ -180,7 +180,7 @@ async def test_backends_come_and_go_and_each_record_arrives_once(
 ) -> None:
     async with serving(database, organisation) as served:
         port = int(served.url.split(":")[2].split("/")[0])
-        uplink = Uplink(served.url, credentials, spool, timings=FAST, randomness=random.Random(1))
+        uplink = Uplink(WebSocketTransport(served.url), credentials, spool, timings=FAST, randomness=random.Random(1))
         await uplink.start()
         for _ in range(300):
             spool.offer("track", NOW, heard_track())
@@ -207,7 +207,7 @@ async def test_what_the_quota_dropped_is_on_the_backends_record(
         dropped = spool.status.dropped
         assert dropped > 0
         async with serving(database, organisation) as served:
-            uplink = Uplink(served.url, credentials, spool, timings=FAST)
+            uplink = Uplink(WebSocketTransport(served.url), credentials, spool, timings=FAST)
             await uplink.start()
             await until(lambda: spool.status.records == 0)
             assert await served.count(TrackRow) == 2_000 - dropped
@@ -222,8 +222,8 @@ async def test_a_second_agent_of_the_pad_is_refused_while_the_first_lives(
         serving(database, organisation) as served,
         await Spool.open(tmp_path / "other", owner="pad-1", reserve_bytes=0) as other,
     ):
-        first = Uplink(served.url, credentials, spool, timings=FAST)
-        second = Uplink(served.url, credentials, other, timings=FAST)
+        first = Uplink(WebSocketTransport(served.url), credentials, spool, timings=FAST)
+        second = Uplink(WebSocketTransport(served.url), credentials, other, timings=FAST)
         await first.start()
         await until(lambda: first.status.connected)
         await second.start()
@@ -242,7 +242,7 @@ async def test_an_agent_the_ledger_does_not_know_stays_out(
     async with serving(database, organisation) as served:
         await spool.append("step", NOW, {"x": 1}, evidence=True)
         for bad in (stranger, Credentials(**{**_fields(wrong_pad), "id": "pad-1"})):
-            uplink = Uplink(served.url, bad, spool, timings=FAST)
+            uplink = Uplink(WebSocketTransport(served.url), bad, spool, timings=FAST)
             await uplink.start()
             await until(lambda uplink=uplink: uplink.status.refusal)  # type: ignore[misc]
             await uplink.close()

@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
 
-from wonderland.proofs.frame import to_wgs84
+from wonderland.proofs.frame import to_local, to_wgs84
 from wonderland.proofs.records.sessions import Claim
 from wonderland_edge_agent.geodesy import frame_at
 from wonderland_uav_agent.flight import FlightSettings, Gate, Gatekeeper
-from wonderland_uav_agent.flight.gatekeeper import (
-    AGAIN_MS,
-    GATE_PATIENCE_MS,
-    GoTo,
-    Land,
-    Phase,
-    Prove,
-    Report,
-    Return,
-    Tell,
-)
+from wonderland_uav_agent.flight.approach import GoTo, Land, Phase, Prove, Report, Return, Tell
+from wonderland_uav_agent.flight.gatekeeper import AGAIN_MS, GATE_PATIENCE_MS
 from wonderland_uav_agent.flight.settings import Alternate
 from wonderland_uav_agent.flight.vehicle import ARDUPILOT, PX4, Mode, Vehicle, mode_of
 from wonderland_uav_agent.position.mavlink.messages import Heartbeat
@@ -105,6 +97,51 @@ class Drone:
         why_not, orders = self.keeper.permit(pad_id, self.seen, self.now_ms)
         self.obey(orders)
         return why_not
+
+
+def stands(drone, *, for_ms=10_000, above_mm=100):
+    """Down by permission, with an autopilot that notices nothing."""
+    drone.to_proof()
+    assert drone.permit() == ""
+    drone.look(10)
+    drone.local, drone.down = [400, -300, above_mm], 0
+    drone.look(for_ms // 100)
+    return drone
+
+
+def test_one_that_stands_unnoticed_is_down_and_no_permission_that_ends_lifts_it_again():
+    drone = stands(Drone())
+    assert not drone.keeper.landing
+    assert drone.keeper.revoke("the session ended", drone.seen, drone.now_ms) == []
+    before = list(drone.orders)
+    drone.look(600)
+    assert drone.orders == before, "a minute later"
+    drone.armed = False
+    drone.look()
+    assert drone.keeper.phase is Phase.WATCHING
+    assert Report not in drone.kinds()
+
+
+@pytest.mark.parametrize("while_it", ["has just come down", "waits halfway", "sinks slowly", "slides"])
+def test_one_that_does_not_stand_is_still_held_to_its_permission(while_it):
+    for_ms = 3_000 if while_it == "has just come down" else 10_000
+    drone = stands(Drone(), for_ms=0, above_mm=4_000 if while_it == "waits halfway" else 1_000)
+    drone.down = {"sinks slowly": 100, "slides": 400}.get(while_it, 0)
+    drone.look(for_ms // 100)
+    assert drone.keeper.landing
+    drone.obey(drone.keeper.revoke("the session ended", drone.seen, drone.now_ms))
+    assert (drone.kinds()[-1], drone.keeper.phase) == (GoTo, Phase.REFUSED)
+
+
+@pytest.mark.parametrize("lands", [Mode.LANDING, Mode.RETURNING])
+def test_who_took_off_from_there_again_needs_another_permission(lands):
+    drone = stands(Drone())
+    drone.mode, drone.down, drone.local = Mode.OTHER, -1_000, [0, 0, 9_000]
+    drone.look(20)
+    assert drone.keeper.phase is Phase.WATCHING
+    drone.mode, drone.down = lands, 700
+    drone.look()
+    assert (drone.kinds()[-1], drone.keeper.phase) == (GoTo, Phase.TO_GATE)
 
 
 @pytest.mark.parametrize("mode", [Mode.LANDING, Mode.RETURNING, Mode.MISSION])
@@ -408,3 +445,72 @@ def test_who_flies_elsewhere_or_otherwise_after_a_restart_is_left_alone(mode, lo
     drone.look(20)
     assert drone.kinds() == [], "nor is it taken later"
     assert drone.keeper.held_at is None
+
+
+def lands(settings=None):
+    drone = Drone(settings).to_proof()
+    assert drone.permit() == ""
+    drone.look(5)
+    assert drone.keeper.phase is Phase.LANDING
+    return drone
+
+
+def blown(drone, wrong_mm=(0, 0, 0)):
+    """2.5 m to the east; its receiver has it that much farther."""
+    drone.local, drone.down = [2_500 + wrong_mm[0], wrong_mm[1], 900 + wrong_mm[2]], 100
+    drone.obey(drone.keeper.strayed((2.5, 0.0, 0.9), drone.seen, drone.now_ms))
+
+
+def test_what_the_wind_takes_aside_goes_around_and_is_held_in_the_end():
+    drone = lands(FlightSettings(go_arounds=2))
+    for time in (1, 2):
+        blown(drone)
+        assert (drone.keeper.phase, drone.mode, drone.keeper.landing) == (Phase.TO_PAD, Mode.HELD, True)
+        assert drone.told()[-1] == f"2.5 m beside pad-1 by the ranges: going around ({time} of 2)"
+        drone.arrive()
+        assert (drone.keeper.phase, drone.mode) == (Phase.LANDING, Mode.LANDING)
+    blown(drone)
+    assert (drone.keeper.phase, drone.mode, drone.keeper.landing) == (Phase.REFUSED, Mode.HELD, False)
+    assert "after 2 go-arounds" in drone.keeper.why
+    assert Report not in drone.kinds()
+
+
+def test_a_receiver_that_is_far_off_does_not_lead_a_go_around():
+    drone = lands()
+    wrong_mm = (9_000, -7_000, 1_500)
+    blown(drone, wrong_mm)
+    going = to_local(FRAME, drone.going.lat_e7, drone.going.lon_e7, drone.going.height_mm)
+    assert math.dist(going, (9_000, -7_000, 8_000 + 1_500)) < 10
+    drone.local = [0, 0, 8_000]
+    drone.look()
+    assert drone.keeper.phase is Phase.TO_PAD, "by its receiver, not by the ranges"
+    drone.local = list(going)
+    drone.look()
+    assert drone.keeper.phase is Phase.LANDING
+
+
+def test_another_permission_goes_around_as_often_again():
+    drone = lands(FlightSettings(go_arounds=1))
+    blown(drone)
+    drone.arrive()
+    assert drone.permit() == ""
+    drone.look(5)
+    blown(drone)
+    assert drone.keeper.phase is Phase.TO_PAD
+
+
+@pytest.mark.parametrize("who", ["pilot", "down", "stands", "goes there"])
+def test_nobody_else_is_taken_from_the_ground_or_from_a_pilot(who):
+    drone = lands()
+    if who == "pilot":
+        drone.mode = Mode.OTHER
+    elif who == "down":
+        drone.on_ground = True
+    elif who == "stands":
+        drone.local, drone.down = [400, -300, 100], 0
+        drone.look(100)
+    else:
+        blown(drone)
+    before = list(drone.orders)
+    blown(drone)
+    assert drone.orders == before

@@ -6,18 +6,23 @@ import asyncio
 import contextlib
 import json
 import logging
+import math
+from dataclasses import astuple, replace
 from types import SimpleNamespace
 
 import pytest
+from kit.agents import commissioning
 from kit.fake_autopilot import OverUdp
 from kit.flying_autopilot import ARDUPILOT, PX4, FlyingAutopilot
 
 from wonderland.clock import SteadyClock
+from wonderland.proofs.frame import to_local
 from wonderland_edge_agent.geodesy import frame_at
 from wonderland_uav_agent.flight import FlightSettings, Gate, Pilot
+from wonderland_uav_agent.flight.approach import Phase
 from wonderland_uav_agent.flight.arming import PERMIT
-from wonderland_uav_agent.flight.gatekeeper import Phase
 from wonderland_uav_agent.position.mavlink import MavlinkPosition, UdpAddress
+from wonderland_uav_agent.session.events import OwnRange
 
 FRAME = frame_at(604_518_000, 222_666_000, 30_000)
 LONG_S = 30.0
@@ -138,6 +143,41 @@ async def test_a_permission_that_ends_on_the_way_down_brings_it_back_to_the_gate
             await landing
         await until(lambda: drone.mode == "guided", "held again")
         assert not drone.on_ground
+
+
+@pytest.mark.parametrize("wrong_m", [(0.0, 0.0), (2.5, -2.0)])
+async def test_a_gust_at_the_ground_makes_it_go_around_by_the_ranges(wrong_m, caplog):
+    """`wrong_m` is what the receiver has it off, east and north."""
+    drone, pad = FlyingAutopilot(frame=FRAME), replace(commissioning(10**7), frame=FRAME)
+
+    def truth_m():
+        return [mm / 1e3 - wrong for mm, wrong in zip(drone.place, (*wrong_m, 0.0), strict=True)]
+
+    async def ranging(here):
+        while True:
+            for anchor in pad.anchors:
+                place = (anchor.east_mm / 1e3, anchor.north_mm / 1e3, anchor.up_mm / 1e3)
+                range_mm = round(1e3 * math.dist(truth_m(), place))
+                here.pilot.on_range(pad, OwnRange(anchor.mac, here.clock(), range_mm))
+            await asyncio.sleep(0.05)
+
+    async with flying(drone, FlightSettings(gate_m=6.0)) as here:
+        drone.mode = "land"
+        await until(lambda: here.proofs.begun, "held above the pad, a proof begins")
+        ranges = asyncio.create_task(ranging(here))
+        landing = asyncio.create_task(here.pilot.act(permission()))
+        await until(lambda: drone.mode == "land" and drone.place[2] < 4_000, "it lands")
+        async with asyncio.timeout(LONG_S):
+            while drone.mode == "land":  # as ArduPilot does with a target aside: it hardly sinks, and the gust has time
+                drone.place[:] = [min(drone.place[0] + 25.0, 20_000.0), drone.place[1], 2_000.0]
+                await asyncio.sleep(0.025)
+        assert not drone.on_ground
+        east_mm, north_mm, _ = to_local(FRAME, *astuple(here.keeper._standing))
+        wrong = math.dist((east_mm / 1e3, north_mm / 1e3), wrong_m)
+        assert wrong < 1.5, "sent above the pad, whatever the receiver says"
+        assert await landing == "done"
+        ranges.cancel()
+    assert "beside pad-1 by the ranges: going around (1 of 3)" in caplog.text
 
 
 async def test_px4_asks_before_it_arms():

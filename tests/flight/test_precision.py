@@ -11,7 +11,7 @@ from kit.agents import commissioning
 
 from wonderland.proofs.frame import to_wgs84
 from wonderland.proofs.records.sessions import Claim
-from wonderland_uav_agent.flight.guidance import MAX_REFUSED, Guidance
+from wonderland_uav_agent.flight.guidance import MAX_REFUSED, Fix, Guidance
 from wonderland_uav_agent.flight.precision import BODY_FRD, LOCAL_NED, PrecisionLanding
 from wonderland_uav_agent.flight.vehicle import ARDUPILOT, PX4
 from wonderland_uav_agent.position.mavlink.messages import Attitude, LocalPosition
@@ -56,6 +56,44 @@ def test_it_follows_a_descent_to_the_ground(drop):
     assert horizontal[int(0.95 * len(horizontal))] < 0.15
 
 
+@pytest.mark.parametrize("bearing_deg", range(0, 360, 30))
+@pytest.mark.parametrize(("aside_m", "above_m"), [(3.5, 0.0), (6.0, 1.5), (3.5, -2.5)])
+def test_an_autopilot_that_is_metres_off_leads_the_beginning_nowhere(bearing_deg, aside_m, above_m):
+    """As an ordinary receiver is. One range after the other from a wrong place, it was sure of one 9 m from the drone."""
+    bearing, truth = math.radians(bearing_deg), (-2.0, -2.7, 6.0)
+    believed = (truth[0] + aside_m * math.sin(bearing), truth[1] + aside_m * math.cos(bearing), truth[2] + above_m)
+    guide, rng = Guidance(PAD), random.Random(bearing_deg)
+    for t_ms in range(0, 3_000, 50):
+        guide.seed(believed, t_ms)
+        for mac, place in places().items():
+            guide.range(mac, t_ms, round(1e3 * (math.dist(truth, place) + rng.gauss(0, 0.02))))
+        fix = guide.fix(t_ms)
+        assert fix is None or t_ms < 500 or math.dist(fix.place_m[:2], truth[:2]) < 0.5
+    assert fix is not None
+
+
+def test_one_that_has_lost_its_way_begins_anew():
+    """Every fourth range fits by chance, and keeps nobody where he is not."""
+    guide = Guidance(PAD)
+    flown(guide, seconds=3)
+    stands, moved = descent(3), (4.0, 1.0, 6.0)
+    first = PAD.anchors[0].mac
+    for t_ms in range(3_000, 6_000, 50):
+        guide.seed(moved, t_ms)
+        for mac, place in places().items():
+            guide.range(mac, t_ms, round(1e3 * math.dist(stands if mac == first and t_ms < 4_500 else moved, place)))
+    assert math.dist(guide.fix(6_000).place_m[:2], moved[:2]) < 0.3
+
+
+def test_a_round_that_does_not_fit_is_no_beginning():
+    guide = Guidance(PAD)
+    for t_ms in range(0, 1_000, 50):
+        guide.seed((0.0, 0.0, 5.0), t_ms)
+        for index, (mac, place) in enumerate(places().items()):
+            guide.range(mac, t_ms, round(1e3 * math.dist((0, 0, 5), place)) + (3_000 if index % 2 else 0))
+        assert guide.fix(t_ms) is None
+
+
 def test_a_wild_range_changes_nothing():
     guide = Guidance(PAD)
     flown(guide, seconds=3)
@@ -85,6 +123,22 @@ def test_no_range_and_strangers_are_left_out(range_mm):
     guide.seed((0, 0, 5), 0)
     assert not guide.range(PAD.anchors[0].mac, 10, range_mm)
     assert not guide.range(0x7777, 10, 5_000)
+
+
+@pytest.mark.parametrize(
+    ("place_m", "sigma_m", "strays"),
+    [
+        ((1.4, 0.0, 0.1), 0.03, False),
+        ((1.2, -1.2, 0.1), 0.03, True),
+        ((1.2, -1.2, 0.1), 0.2, False),  # not surely
+        ((4.0, 0.0, 6.0), 0.03, False),  # as a receiver has it at the gate
+        ((4.0, 0.0, 2.0), 0.03, True),
+        ((1.4, 0.0, -0.4), 0.03, False),  # a pad sees height badly
+    ],
+)
+def test_what_would_come_down_beside_its_pad_strays(place_m, sigma_m, strays):
+    covariance = tuple(tuple(sigma_m**2 if i == j else 0.0 for j in range(3)) for i in range(3))
+    assert Fix(place_m, covariance).strays is strays
 
 
 EAST = Attitude(0.0, 0.0, math.pi / 2)

@@ -100,6 +100,15 @@ class Scene:
         except TimeoutError:
             pytest.fail(f"{what}: {self.seen}, {self.pilot.gatekeeper.phase}, {self.link.why_not(self.clock())}")
 
+    async def take_off(self, height_m):
+        """Guided, armed as soon as it can be, and up."""
+        await self.station.done(dialect.MAV_CMD_DO_SET_MODE, 1, 4)
+        async with asyncio.timeout(LONG_S):
+            while await self.station.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1) != dialect.MAV_RESULT_ACCEPTED:
+                await asyncio.sleep(0.5)
+        await self.station.done(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, height_m)
+        await self.until(lambda: self.local_m()[2] > height_m - 1, "it takes off")
+
     async def drag(self):
         """The simulated receiver is led north, until cancelled."""
         self.mark("drag")
@@ -115,13 +124,13 @@ class Scene:
 
 
 @contextlib.asynccontextmanager
-async def above_a_pad(directory, geoid, *, precision=True, parameters=None):
-    """It hovers 12 m above a pad; the embedded ledger and the pad's agent are at work."""
+async def above_a_pad(directory, geoid, *, precision=True, parameters=None, height_m=12, attempts=1):
+    """It hovers above a pad (0: it stands there); the embedded ledger and the pad's agent are at work."""
     ledger_folder, clock = directory / "pad", SteadyClock()
     ledger_folder.mkdir()
     geoid_mm = round(geoid.undulation_mm(FRAME.lat_e7, FRAME.lon_e7))
     home = Home(FRAME.lat_e7 / 1e7, FRAME.lon_e7 / 1e7, (FRAME.height_mm - geoid_mm) / 1e3)
-    pilot = Pilot(FlightSettings(gate_m=6.0, attempts=1, precision=precision), clock=clock)
+    pilot = Pilot(FlightSettings(gate_m=6.0, attempts=attempts, precision=precision), clock=clock)
     link = MavlinkPosition(UdpAddress("127.0.0.1", COMPANION_PORT), clock, geoid)
     pilot.board(link)
     pilot.gatekeeper.know([Gate("pad-1", FRAME)])
@@ -155,10 +164,6 @@ async def above_a_pad(directory, geoid, *, precision=True, parameters=None):
         sampling = asyncio.create_task(made.sample())
         stack.callback(sampling.cancel)
         await made.until(lambda: True, "mode, place and state are known")
-        await station.done(dialect.MAV_CMD_DO_SET_MODE, 1, 4)
-        async with asyncio.timeout(LONG_S):
-            while await station.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1) != dialect.MAV_RESULT_ACCEPTED:
-                await asyncio.sleep(0.5)
-        await station.done(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 12)
-        await made.until(lambda: made.local_m()[2] > 11, "it takes off")
+        if height_m:
+            await made.take_off(height_m)
         yield made

@@ -48,6 +48,8 @@ class Running:
         self.backend = backend
         self.url = url
         self.http = http
+        self.bus = None
+        """Where agents come by a bus (`kit.bus_agents`)."""
 
     @property
     def context(self):
@@ -80,6 +82,8 @@ class Running:
         return "; ".join(f"{name}={value}" for name, value in self.http.cookies.items())
 
     def connect(self, path, **options):
+        if path == "/ingest" and self.bus is not None:
+            return self.bus.connect()
         return websockets.connect(self.url.replace("http", "ws", 1) + path, proxy=None, compression=None, **options)
 
     def live(self, since=None, packed=False, **options):
@@ -138,9 +142,8 @@ def _new_backend(database, clock, tmp_path):
     return make
 
 
-@pytest.fixture
-async def running(new_backend, chain, source_of):
-    """A backend on a chain with a pad, drones and three sessions."""
+def furnish(chain):
+    """A pad, drones and three sessions."""
     facts = Facts()
     chain.add(facts.put_pad(), facts.put_pad("pad-2", commissioned=False), facts.put_uav(), facts.put_uav("uav-2"))
     chain.add(facts.grant(), facts.set_policy(), facts.request("one"))
@@ -148,6 +151,12 @@ async def running(new_backend, chain, source_of):
     chain.add(facts.complete("one"), facts.request("two", uav_id="uav-2", t_ms=START_MS + 10_000))
     chain.add(facts.decide("two", uav_id="uav-2", t_ms=START_MS + 10_000, outcome="refuted"))
     chain.add(facts.request("three", pad_id="pad-2", t_ms=START_MS + 20_000))
+
+
+@pytest.fixture
+async def running(new_backend, chain, source_of):
+    """A backend on a chain with a pad, drones and three sessions."""
+    furnish(chain)
     async with serving(new_backend(source_of(chain))) as client:
         await client.mirrored(chain.height)
         yield client
@@ -171,7 +180,21 @@ class AgentClient:
         self.spool = spool
         self.msp_id = msp_id
         self.seq = 0
-        self.end_point = end_point_seen(socket.transport.get_extra_info("ssl_object"))
+        self._end_point = None
+        if hasattr(socket, "enrolment"):  # on a bus, where one is known before the first word
+            socket.enrolment = enrolment
+
+    @property
+    def end_point(self):
+        """What the connection shows, once it is there; or another one, to lie about."""
+        if self._end_point is not None:
+            return self._end_point
+        tls = self.socket.tls if hasattr(self.socket, "tls") else self.socket.transport.get_extra_info("ssl_object")
+        return end_point_seen(tls)
+
+    @end_point.setter
+    def end_point(self, other):
+        self._end_point = other
 
     async def receive(self):
         return json.loads(await asyncio.wait_for(self.socket.recv(), 5))

@@ -13,15 +13,16 @@ class Cable:
         self.port = 0
         self.is_pulled = False
         self._target = target
-        self._ends = set()
+        self._ends, self._joins = set(), set()
 
-    async def open(self):
-        self._server = await asyncio.start_server(self._join, "127.0.0.1", 0)
+    async def open(self, **where):
+        self._server = await asyncio.start_server(self._join, **(where or {"host": "127.0.0.1", "port": 0}))
         self.port = self._server.sockets[0].getsockname()[1]
 
     async def close(self):
         self._server.close()
         await self.cut()
+        await asyncio.gather(*self._joins, return_exceptions=True)
 
     async def cut(self):
         """End all connections at once."""
@@ -29,6 +30,7 @@ class Cable:
             end.transport.abort()
 
     async def _join(self, reader, writer):
+        self._joins.add(asyncio.current_task())
         there, here = await asyncio.open_connection("127.0.0.1", self._target)
         ends = {writer, here}
         self._ends |= ends

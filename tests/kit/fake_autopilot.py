@@ -33,6 +33,9 @@ class FakeAutopilot:
     beats: bool = True
     asked: list[tuple[int, int]] = field(default_factory=list)
     heartbeats_heard: list[tuple[int, int, int]] = field(default_factory=list)
+    told: list = field(default_factory=list)
+    """What it was told to broadcast."""
+    armed: bool = False
     rates: dict[int, float] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -48,6 +51,18 @@ class FakeAutopilot:
         self._mav.seq = (self._mav.seq + 1) % 256
         return bytes(message.pack(self._mav))
 
+    def location(self, t_ms, *, component=1, lat=None, horizontal_accuracy=11, seconds=None):
+        """OPEN_DRONE_ID_LOCATION, as a transmitter is told."""
+        after_hour_s = t_ms % 3_600_000 / 1_000 if seconds is None else seconds
+        where = (self.lat if lat is None else lat, self.lon, -1_000.0, 31.4, 0, 12.0)
+        more = (horizontal_accuracy, 5, 0, 3, after_hour_s, 10)
+        message = dialect.MAVLink_open_drone_id_location_message(0, 0, [0] * 20, 2, 36_100, 100, 0, *where, *more)
+        return self.pack(message, component)
+
+    def basic_id(self, serial, *, component=1):
+        text = serial.encode().ljust(20, b"\0")
+        return self.pack(dialect.MAVLink_open_drone_id_basic_id_message(0, 0, [0] * 20, 1, 2, text), component)
+
     def boot_ms(self):
         return int((time.monotonic() - self._started) * 1000) + self.boot_offset_ms
 
@@ -60,7 +75,7 @@ class FakeAutopilot:
     def heartbeat(self):
         return self.pack(
             dialect.MAVLink_heartbeat_message(
-                dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4, 3
+                dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, 128 * self.armed, 0, 4, 3
             )
         )
 
@@ -85,7 +100,9 @@ class FakeAutopilot:
         """What to answer at once."""
         answer = b""
         for message in self._reader.parse_buffer(data) or []:
-            if message.get_type() == "HEARTBEAT":
+            if message.get_type().startswith("OPEN_DRONE_ID"):
+                self.told.append(message)
+            elif message.get_type() == "HEARTBEAT":
                 self.heartbeats_heard.append((message.get_srcSystem(), message.get_srcComponent(), message.type))
             elif (
                 message.get_type() == "COMMAND_LONG" and message.command == 511 and message.target_system == self.system

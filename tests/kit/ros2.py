@@ -19,12 +19,12 @@ from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_rmw_zenoh.interfaces import Interfaces
 from wonderland_rmw_zenoh.node import Node
 from wonderland_rmw_zenoh.session import Link
-from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORY
+from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORIES
 from wonderland_ros_bridge.ros2.pad_node import PadNode
 from wonderland_ros_bridge.ros2.reports import listening
 from wonderland_ros_bridge.ros2.settings import PadNodeSettings
 
-TYPES = Interfaces([DIRECTORY])
+TYPES = Interfaces(DIRECTORIES)
 _ROUTER = """
 import json, sys, time, zenoh
 config = zenoh.Config()

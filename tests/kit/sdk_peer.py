@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import sys
 
+import numpy as np
 from rosbags.typesys import get_types_from_msg
 from zenoh_ros2_sdk import ROS2Publisher, ROS2ServiceClient, ROS2Subscriber
 from zenoh_ros2_sdk.discovery import get_service_names_and_types, get_topic_info, get_topic_names_and_types
@@ -46,10 +47,13 @@ def built(kind, value):
     """The fields of a message, those that are messages made to what its serializer wants."""
     store = ZenohSession.get_instance(**WHERE).store
     types = dict(store.fielddefs[kind][1])
-    return {
-        name: store.types[types[name][1]](**built(types[name][1], each)) if isinstance(each, dict) else each
-        for name, each in value.items()
-    }
+
+    def one(name, each):
+        if isinstance(each, dict):
+            return store.types[types[name][1]](**built(types[name][1], each))
+        return np.array(each) if isinstance(each, list) and each and isinstance(each[0], float) else each
+
+    return {name: one(name, each) for name, each in value.items()}
 
 
 def main():

@@ -23,6 +23,7 @@ from pathlib import Path
 import pytest
 
 from kit.ground_station import GroundStation, dialect
+from wonderland_simulator.practice.piloted import LIKE_A_COPTER
 
 ARDUCOPTER, PX4 = "ARDUCOPTER_BIN", "PX4_BUILD_DIR"
 COMPANION_PORT = 14_540
@@ -148,23 +149,7 @@ class ArduCopter(Vehicle):
     name = "arducopter"
     kind = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
     tcp_port = 5_760
-    defaults = {  # noqa: RUF012 - read only
-        "FRAME_CLASS": 1,
-        "SCR_ENABLE": 1,
-        "SIM_BARO_RND": 0,
-        # Small offsets: else it wants its accelerometers calibrated before it arms.
-        **{f"INS_ACC{n}OFFS_{axis}": 0.001 for n in ("", "2") for axis in "XYZ"},
-        **{f"INS_ACC{n}SCAL_{axis}": 1.001 for n in ("", "2") for axis in "XYZ"},
-        **{
-            f"COMPASS_OFS{n}_{axis}": value
-            for n in ("", "2", "3")
-            for axis, value in zip("XYZ", (5, 13, -18), strict=True)
-        },
-        "RC7_OPTION": 7,
-        "LOG_DISARMED": 0,
-        "LOG_BACKEND_TYPE": 0,
-        "FS_THR_ENABLE": 0,
-    }
+    defaults = {**LIKE_A_COPTER, "SIM_BARO_RND": 0}  # noqa: RUF012 - read only
 
     def __init__(self, *of_every_vehicle, head_start_s: int = 0, **more):
         super().__init__(*of_every_vehicle, **more)

@@ -346,7 +346,8 @@ async def collect(stream, count):
         return [await anext(stream) for _ in range(count)]
 
 
-async def test_a_stream_continues_where_it_was_interrupted(network, server, chain):
+async def test_a_stream_continues_where_it_was_interrupted(network, server, chain, caplog):
+    caplog.set_level("INFO", logger="wonderland_fabric_gateway.gateway.streams")
     server.line_up(
         "Deliver", [chain[0], UNAVAILABLE], [UNAVAILABLE], [chain[1], status("SERVICE_UNAVAILABLE")], [chain[2], None]
     )
@@ -359,6 +360,8 @@ async def test_a_stream_continues_where_it_was_interrupted(network, server, chai
         payload = common_pb2.Payload.FromString(common_pb2.Envelope.FromString(data).payload)
         starts.append(ab_pb2.SeekInfo.FromString(payload.data).start.specified.number)
     assert starts == [5, 6, 6, 7]
+    said = [record.getMessage().split(": ")[1].split(",")[0] for record in caplog.records]
+    assert said == ["the ledger is not heard", "the ledger is heard again"] * 2, "once for each outage"
 
 
 async def test_a_ledger_that_became_shorter_is_noticed(network, server, chain):

@@ -1,4 +1,4 @@
-"""kill −9: what a client was told is there afterwards, and nothing by halves."""
+"""kill −9, and a power cut: what a client was told is there afterwards, and nothing by halves."""
 
 import asyncio
 import random
@@ -37,7 +37,7 @@ def kill(process):
     process.communicate(timeout=10)
 
 
-async def write_until_killed(directory, process, told, after_s, round_):
+async def write_until_struck(outage, directory, process, told, after_s, round_):
     """Submit from eight clients at once until the ledger is gone; `told` collects what was said to be committed."""
     connection = Connection.load(directory)
     async with connection.open_channel() as channel:
@@ -58,19 +58,21 @@ async def write_until_killed(directory, process, told, after_s, round_):
 
         clients = [asyncio.ensure_future(client(number)) for number in range(8)]
         await asyncio.sleep(after_s)
-        await asyncio.to_thread(kill, process)
+        outage.strike(process.pid)
+        await asyncio.to_thread(process.communicate, timeout=10)
         await asyncio.gather(*clients)
+        outage.back()
 
 
 @pytest.mark.parametrize("seed", range(4))
-async def test_every_commit_that_was_told_survives_kill_9(tmp_path, seed):
+async def test_every_commit_that_was_told_survives(outage, seed):
     chance = random.Random(seed)
     told = {}
-    directory = tmp_path / "ledger"
+    directory = outage.directory / "ledger"
     for round_ in range(3):
         process, _ = await asyncio.to_thread(start, directory)
         try:
-            await write_until_killed(directory, process, told, 0.15 + 0.3 * chance.random(), round_)
+            await write_until_struck(outage, directory, process, told, 0.15 + 0.3 * chance.random(), round_)
         finally:
             if process.poll() is None:
                 kill(process)

@@ -9,8 +9,8 @@ from pydantic import BaseModel, Field, TypeAdapter, ValidationError, model_valid
 from pydantic_core import _pydantic_core
 
 from wonderland.messages import facts_of, keys_of
+from wonderland.problems import Said, said
 from wonderland_backend.field_texts import KINDS, PREFIX, FieldRefused, field_text, first_error
-from wonderland_backend.problem_texts import Said, said
 
 THEIRS = {each["type"]: each.get("example_context") or {} for each in _pydantic_core.list_all_errors()}
 

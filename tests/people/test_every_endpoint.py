@@ -17,6 +17,8 @@ PUBLIC = {
     ("POST", "/api/v1/sign-in/oidc"),
     ("POST", "/api/v1/sign-in/passkey"),
     ("POST", "/api/v1/sign-in/passkey/challenge"),
+    # What an error means: the same for everybody.
+    ("GET", "/api/v1/problems"),
     # Machines: where they sign in, and what anybody has to know to check their tokens.
     ("POST", "/oauth/token"),
     ("GET", "/oauth/jwks.json"),

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wonderland.proofs.records.transactions import RegisterUav
-from wonderland_backend.errors import BadRequest
-from wonderland_backend.registry.imports import KINDS, MAX_ROWS, check
+from wonderland.registry.lists import KINDS, MAX_ROWS, ListError, check
 
 DRONES = KINDS["drones"]
 GOOD = "uav_id,model,operator_id,registration\nOH-1,Falcon,arctic-air,FIN87\nOH-2,Crane Ä,arctic-air,\n"
@@ -130,14 +129,14 @@ def test_cells_that_are_no_values(cells, column):
     ],
 )
 def test_what_is_no_list_is_refused(data, says):
-    with pytest.raises(BadRequest) as refused:
+    with pytest.raises(ListError) as refused:
         check(DRONES, data)
     assert says in str(refused.value)
 
 
 def test_too_many_lines_are_refused():
     lines = "".join(f"OH-{i},m,o,\n" for i in range(MAX_ROWS + 1))
-    with pytest.raises(BadRequest):
+    with pytest.raises(ListError):
         check(DRONES, f"uav_id,model,operator_id,registration\n{lines}".encode())
 
 
@@ -150,7 +149,7 @@ def test_a_quote_that_never_ends_is_said_once():
 @given(st.binary(max_size=400))
 def test_any_bytes_at_all(data):
     for kind in KINDS.values():
-        with contextlib.suppress(BadRequest):
+        with contextlib.suppress(ListError):
             check(kind, data)
 
 

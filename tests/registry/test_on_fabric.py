@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from kit.openings import fresh
@@ -18,6 +22,7 @@ from wonderland_fabric_network.layout import NetworkDirectory
 
 pytestmark = [pytest.mark.fabric, pytest.mark.timeout(300)]
 DRONE = "OH-DRN-0417"
+WONDERLAND = Path(sys.executable).with_name("wonderland")
 
 
 class FabricHouse(House):
@@ -129,3 +134,24 @@ def test_the_browser_signs_what_fabrics_peers_made(fabric_house, open_page):
     page.get_by_role("button", name="Sign and send").click()
     expect(page.get_by_text("It is on the ledger, signed by you.")).to_be_visible()
     expect(page.get_by_text("Endorsed by AuthorityMSP, PadMSP")).to_be_visible()
+
+
+def test_the_registry_without_a_browser_reads_and_changes_the_same(fabric_house, tmp_path):
+    """`wonderland registry` over the Gateway of an organisation's peer, from the network's own connection.json."""
+    connection = NetworkDirectory(fabric_house.directory / "network").connection_file
+    drones = tmp_path / "drones.csv"
+    drones.write_text("uav_id,model,operator_id,registration\n" + "".join(f"CLI-{n},Owl,op-7,\n" for n in range(20)))
+
+    def registry(identity, *arguments):
+        options = ("--connection", connection, "--identity", identity)
+        command = [WONDERLAND, "registry", *arguments, *options]
+        done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=60, check=False)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done
+
+    assert "20 done" in registry("fleet_operator", "drones", "import", drones).stderr
+    assert "20 there already" in registry("fleet_operator", "drones", "import", drones).stderr
+    listed = json.loads(registry("pad_operator", "drones", "list", "--format", "json").stdout)
+    assert {f"CLI-{n}" for n in range(20)} | {DRONE} <= {row["uav_id"] for row in listed}
+    registry("admin", "drones", "suspend", "CLI-3", "--reason", "lost")
+    assert json.loads(registry("pad_operator", "drones", "show", "CLI-3").stdout)["status"] == "suspended"

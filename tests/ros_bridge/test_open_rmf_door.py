@@ -23,13 +23,14 @@ from wonderland_rmw_zenoh.node import Arrived
 from wonderland_rmw_zenoh.wire import Attachment
 from wonderland_ros_bridge.ros2 import door as says
 from wonderland_ros_bridge.ros2.door import CLOSED, MAX_WISHES, MOVING, OFFLINE, OPEN, WISH_MS, Wishes
-from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORY
+from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORIES
 from wonderland_ros_bridge.ros2.open_rmf import OpenRmf
 from wonderland_ros_bridge.ros2.settings import OpenRmfSettings
 
 NOW = World().start_ms + 5_000
 _BASE = World().session(World().claim((0, 0, 3_000), NOW))
-OURS = sorted(DIRECTORY.glob("rmf_*/msg/*.msg"))
+OPEN_RMF = DIRECTORIES[1]
+OURS = sorted(OPEN_RMF.glob("rmf_*/msg/*.msg"))
 requesters = st.sampled_from(("a", "b", "c")) | st.text(min_size=1, max_size=8)
 
 
@@ -209,7 +210,7 @@ async def test_a_request_that_is_none_is_refused_in_words(more, says_so):
 
 def test_modes_are_those_of_the_definitions():
     def constants(package, name):
-        text = (DIRECTORY / package / "msg" / f"{name}.msg").read_text()
+        text = (OPEN_RMF / package / "msg" / f"{name}.msg").read_text()
         return {
             each[0]: each[2] for each in get_types_from_msg(text, f"{package}/msg/{name}")[f"{package}/msg/{name}"][0]
         }

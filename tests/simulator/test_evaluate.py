@@ -147,6 +147,31 @@ def test_ranges_and_claims_are_enough(tmp_path, files, bare):
     assert "--claim csv:FILE" in result.output
 
 
+def test_a_reference_of_ones_own_is_taken_with_its_delay(tmp_path, files, bare):
+    """As [truth] in pad.toml records it; this one comes 0.3 s late."""
+    track = tmp_path / "track.csv"
+    track.write_text("t,x,y,z\n" + "".join(f"{t / 10 + 0.3},{-3 + t / 10},5,3\n" for t in range(-10, 120)))
+    more = ("--recording", bare[0], "--anchors", files[1], "--commissioning", commissioned(tmp_path, files))
+    more += ("--reference", track, "--json")
+    result, lines = run(*more, "--truth-shift", "auto")
+    assert (result.exit_code, len(lines)) == (0, 10)
+    assert all(line["truth_error_m"] < 0.2 for line in lines)
+    assert "Of each range the truth 0.3" in result.output
+    assert "s later was taken" in result.output
+    _, lines = run(*more)
+    assert all(0.2 < line["truth_error_m"] < 0.4 for line in lines[1:]), "0.3 s at 1 m/s"
+
+
+def test_references_that_are_none(tmp_path, files, bare):
+    more = ("--recording", bare[0], "--anchors", files[1])
+    result, _ = run(*more, "--reference", files[1])
+    assert (result.exit_code, "no reference; it needs the columns" in result.output) == (1, True)
+    result, _ = run(*more, "--claim", f"csv:{bare[1]}", "--truth-shift", "auto")
+    assert (result.exit_code, "there is no truth whose delay could be found" in result.output) == (1, True)
+    result, _ = run(*more, "--truth-shift", "30")
+    assert (result.exit_code, "bring the clocks together first" in result.output) == (2, True)
+
+
 def test_the_error_is_that_at_the_estimates_time(tmp_path, files):
     """The place is one of a moment at which rounds were: half come in the first tenth, half in the last."""
     ranges, anchors = files

@@ -115,6 +115,11 @@ async def test_an_honest_drone_a_dragged_one_and_an_unplugged_anchor_against_an_
         await stack.enter_async_context(running(*ledger))
         enrolled = await run("world", "enrol", "--scenario", scenario, "--ledger", tmp_path / "ledger", "--to", clients)
         assert enrolled[0] == 0, enrolled
+        other = tmp_path / "other.yaml"
+        other.write_text(scenario.read_text().replace(LIAR, "PRACTICE-0003"))
+        more = await run("world", "enrol", "--scenario", other, "--ledger", tmp_path / "ledger", "--to", clients)
+        assert more[0] == 0, more
+        assert {HONEST, LIAR, "PRACTICE-0003"} <= set(Connection.load(connection).identities), "nobody's is taken away"
         registered = await run("world", "register", "--scenario", scenario, "--connection", connection)
         assert registered[0] == 0, registered
         before = await commissioned(connection)

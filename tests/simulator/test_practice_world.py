@@ -26,7 +26,7 @@ from wonderland_remote_id import decode
 from wonderland_simulator.practice.reading import read_scenario
 from wonderland_simulator.practice.showing import table
 from wonderland_simulator.practice.tour import Tour
-from wonderland_simulator.practice.world import PracticeWorld
+from wonderland_simulator.practice.world import PracticeWorld, _alone
 from wonderland_simulator.practice.writing import write_files
 
 RESET = encode_control(MessageType.COMMAND, Group.CORE, 0, b"\0")
@@ -278,6 +278,20 @@ async def test_ports_of_others_are_left_alone(scenario, tmp_path):
             await PracticeWorld(found, lambda *_: None).run(lambda: None)
         assert await answers(theirs)
     assert not theirs.is_symlink()
+
+
+async def test_two_worlds_do_not_mix_their_drones_positions(scenario):
+    world = PracticeWorld(scenario(), lambda *_: None)
+    addresses = world._told()
+    assert {address[1] for address in addresses} == {9, 10}, "the pad's receiver, the drone's agent"
+    async with running(world):
+        for address in addresses:
+            with pytest.raises(
+                OSError, match=rf"another world on this machine sends to 127\.0\.0\.1:{address[1]}; end it"
+            ):
+                _alone(address)
+    for address in addresses:
+        _alone(address).close()
 
 
 def test_files_that_somebody_changed_are_not_overwritten(scenario, tmp_path):

@@ -14,6 +14,7 @@ from wonderland_simulator.practice.description import ScenarioFile
 from wonderland_simulator.practice.reading import MAX_FILE_BYTES, ScenarioError, read_scenario
 
 GUIDE = Path(__file__).resolve().parents[2] / "docs" / "practise.md"
+TUTORIAL = GUIDE.parent / "tutorials" / "pad-operator.md"
 GOOD = """\
 pads:
   - pad_id: quay
@@ -133,6 +134,36 @@ BOMBS = {
 }  # fmt: skip
 
 
+FLOWN = GOOD.replace("    path: [{east_m: -4, north_m: 3, up_m: 6}]\n    lies: {claim_mirrored: true}\n", "    path: [{east_m: -4, north_m: 3, up_m: 0}]\n    autopilot: {program: /bin/true}\n")  # fmt: skip
+OF_AUTOPILOTS = {
+    "no program": (FLOWN.replace("/bin/true", "arducopter"), r"program is .*/arducopter, and no program"),
+    "a file that is none": (FLOWN.replace("/bin/true", "survey.csv"), r"program is .*/survey.csv, and no program"),
+    "a way": (FLOWN.replace("up_m: 0}", "up_m: 0}, {east_m: 0, north_m: 0, up_m: 5}"), "path has more than the place"),
+    "again": (FLOWN.replace("autopilot:", "repeat: true\n    autopilot:"), "repeat is not for a vehicle with"),
+    "a lying claim": (
+        FLOWN.replace("autopilot:", "lies: {claim_share: 0.5}\n    autopilot:"),
+        "claim_share is not for",
+    ),
+    "a foreign ground station": (FLOWN.replace("/bin/true", "/bin/true, ground_station: somewhere:1"), "IPv4 address"),
+    "a parameter that is none": (FLOWN.replace("/bin/true", "/bin/true, parameters: {a b: 1}"), "parameters"),
+}
+
+
+@pytest.mark.parametrize("name", OF_AUTOPILOTS)
+def test_what_a_real_autopilot_does_not_take_from_a_file(file, name):
+    text, said = OF_AUTOPILOTS[name]
+    file.write_text(text)
+    with pytest.raises(ScenarioError, match=said):
+        read_scenario(file)
+
+
+def test_a_vehicle_with_an_autopilot_says_its_position_by_mavlink(file):
+    file.write_text(FLOWN)
+    flown = read_scenario(file).vehicles[1]
+    assert flown.position_option == "mavlink:udp:{}:{}".format(*flown.position)
+    assert flown.told.autopilot.ground_station == ("127.0.0.1", 14_550)
+
+
 @pytest.mark.parametrize("name", BOMBS)
 def test_what_would_eat_the_machine_is_refused_soon(file, name):
     text, said = BOMBS[name]
@@ -162,11 +193,14 @@ def test_options_that_do_not_go_together(arguments, said):
 
 def test_the_files_of_the_guide_are_good(file):
     """As a newcomer copies them."""
-    guide = GUIDE.read_text()
-    (survey,) = re.findall(r"```csv\n(.*?)```", guide, re.DOTALL)
+    (survey,) = re.findall(r"> survey.csv <<'END'\n(.*?)^END", TUTORIAL.read_text(), re.DOTALL | re.MULTILINE)
     (file.parent / "survey.csv").write_text(survey)
-    scenarios = re.findall(r"```yaml\n(.*?)```", guide, re.DOTALL)
+    scenarios = re.findall(r"```yaml\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     assert len(scenarios) == 2
+    program = file.parent / "ardupilot" / "build" / "sitl" / "bin" / "arducopter"
+    program.parent.mkdir(parents=True)
+    program.write_text("")
+    program.chmod(0o755)
     for text in scenarios:
         file.write_text(text)
         assert read_scenario(file).pads[0].told.pad_id == "pad-1"

@@ -9,9 +9,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TypeVar
 
 from wonderland.clock import Clock
 from wonderland.proof_contract import AwayError, RefusedError
@@ -42,6 +42,7 @@ from wonderland_uav_agent.session.timing import UavTiming
 from wonderland_uav_agent.settings import WAIT_S
 
 _log = logging.getLogger(__name__)
+_Answer = TypeVar("_Answer")
 
 REQUEST_ATTEMPTS: Final = 6
 """Another drone may take the same prekey at the same moment; then the next one is tried."""
@@ -49,7 +50,7 @@ TAKEN_PAUSE_S: Final = 0.05
 """Doubled with each attempt: a peer may be behind the one that listed the prekeys."""
 AWAY_PAUSE_S: Final = 0.5
 REQUEST_PATIENCE_S: Final = 15.0
-"""How long a request waits for a ledger that is away, as long as nothing was sent."""
+"""How long a proof waits for a ledger that is away, before anything was sent and when it reads what was."""
 COMMISSIONING_LOOKS: Final = 5
 COMMISSIONING_PAUSE_S: Final = 0.4
 """The survey that the session rests on is on the ledger, but the peer that is asked may be behind."""
@@ -151,7 +152,7 @@ class UavAgent:
         self._patience_s = patience_s
         self._runner: UavRunner | None = None
 
-    def stop(self, reason: str = "agent_stopped") -> None:
+    def stop(self, reason: str = "drone_stopped") -> None:
         """End the session under way in a recorded state; ``prove`` returns soon after."""
         if self._runner is not None:
             self._runner.deliver(on.Interrupted(reason))
@@ -251,7 +252,7 @@ class UavAgent:
         look = 0
         while True:
             look += 1
-            pad = await self._ledger.read_pad(pad_id)
+            pad = await self._patiently(lambda: self._ledger.read_pad(pad_id))
             if pad.commissioning is None:
                 raise UavAgentError(
                     "pad_not_commissioned", f"pad {pad_id} has not been surveyed and proves nothing yet"
@@ -284,22 +285,28 @@ class UavAgent:
 
     async def _request(self, pad_id: str, action: str, node: NodeAbility | None, urgency: Urgency) -> _Asked:
         """Step 1, through a ledger that is away for a while, and other drones that take the same prekey."""
-        loop = asyncio.get_running_loop()
-        patient_until_s = loop.time() + REQUEST_PATIENCE_S
         attempts = 0
         while True:
             try:
-                return await self._request_once(pad_id, action, node, urgency)
+                return await self._patiently(lambda: self._request_once(pad_id, action, node, urgency))
             except RefusedError as error:
                 attempts += 1
                 if error.code not in _TAKEN or attempts == REQUEST_ATTEMPTS:
                     raise
                 await asyncio.sleep(TAKEN_PAUSE_S * 2**attempts)
+
+    async def _patiently(self, ask: Callable[[], Awaitable[_Answer]]) -> _Answer:
+        """What the ledger answers, through one that is away for a while. Raises `RefusedError` and `AwayError`."""
+        loop = asyncio.get_running_loop()
+        patient_until_s = loop.time() + REQUEST_PATIENCE_S
+        while True:
+            try:
+                return await ask()
             except AwayError as error:
                 # What may have been sent is not asked for twice: it would open a second session.
                 if error.tx_id or loop.time() > patient_until_s:
                     raise
-                _log.warning("the request waits for the ledger: %s", error)
+                _log.warning("the proof waits for the ledger: %s", error)
                 await asyncio.sleep(AWAY_PAUSE_S)
 
     async def _request_once(self, pad_id: str, action: str, node: NodeAbility | None, urgency: Urgency) -> _Asked:

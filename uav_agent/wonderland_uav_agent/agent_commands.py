@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
 import signal
@@ -13,24 +14,34 @@ from urllib.parse import urlsplit
 
 import click
 
+from wonderland.clock import SteadyClock
 from wonderland.log_lines import set_up_log
 from wonderland.proofs.records.fields import ACTIONS
+from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland.service_manager import ServiceManager
 from wonderland.telemetry import Credentials, tls_of
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_uav_agent.agent import ProofResult, UavAgentError, Urgency
-from wonderland_uav_agent.assembly import assembled
+from wonderland_uav_agent.assembly import assembled, progress
 from wonderland_uav_agent.broadcasts import BroadcastError
 from wonderland_uav_agent.checking import explained
-from wonderland_uav_agent.drone_options import flight_settings, of_the_drone
+from wonderland_uav_agent.drone_options import (
+    flight_settings,
+    odometry_settings,
+    of_the_drone,
+    open_drone_id_settings,
+)
 from wonderland_uav_agent.flight import FlightSettings
 from wonderland_uav_agent.flight.gates import keep_gates
 from wonderland_uav_agent.flight.reports import LandingReports
 from wonderland_uav_agent.position import PositionError
 from wonderland_uav_agent.requests import Requests
 from wonderland_uav_agent.results import document, lines
+from wonderland_uav_agent.ros2_orders import OrdersError, Ros2Orders
+from wonderland_uav_agent.session.actions import ReportStep
+from wonderland_uav_agent.session.runner import StepListener
 from wonderland_uav_agent.willing import Willing
 
 
@@ -48,14 +59,16 @@ def prove(*, as_json: bool, verbose: bool, priority: str | None, battery_percent
     _log_to_stderr(verbose=verbose)
     urgency = Urgency(priority, battery_percent)
     try:
-        result = asyncio.run(_prove(**options, urgency=urgency, quiet=as_json))
+        result = asyncio.run(_prove(**options, odometry=odometry_settings(), urgency=urgency, quiet=as_json))
     except (LedgerError, UavAgentError, PositionError, BroadcastError) as error:
         raise click.ClickException(str(error)) from error
     if as_json:
         click.echo(json.dumps(document(result)))
     else:
         click.echo("\n".join(lines(result)))
-    sys.exit(0 if (result.state, result.end) == ("completed", "done") else 2)
+    if (result.state, result.end) == ("completed", "done"):
+        sys.exit(0)
+    sys.exit(1 if result.verdict is None else 2)
 
 
 def _log_to_stderr(*, verbose: bool) -> None:
@@ -88,7 +101,7 @@ def calibrate(*, pad_id: str, sessions: int, verbose: bool, command: str | None,
         raise click.UsageError("--then: nothing is done that a calibration's sessions permit")
     _log_to_stderr(verbose=verbose)
     try:
-        results = asyncio.run(_ranged(pad_id, sessions, **options))
+        results = asyncio.run(_ranged(pad_id, sessions, odometry=odometry_settings(), **options))
     except (LedgerError, UavAgentError, PositionError, BroadcastError) as error:
         raise click.ClickException(str(error)) from error
     for result in results:
@@ -112,7 +125,7 @@ async def _only_ranged(_: Verdict) -> str:
 
 @click.command()
 @of_the_drone
-@click.option("--backend", "url", required=True, metavar="WSS_URL", help="wss://host/ingest of the backend.")
+@click.option("--backend", "url", metavar="WSS_URL", help="wss://host/ingest of the backend, which passes on requests.")
 @click.option(
     "--backend-ca",
     "tls_ca",
@@ -123,13 +136,19 @@ async def _only_ranged(_: Verdict) -> str:
     "--pad", "pads", multiple=True, required=True, help="A pad at which it will prove itself when asked; several times."
 )
 @click.option("--network-id", is_flag=True, help="Tell the backend each second where the drone is (Network Remote ID).")
+@click.option(
+    "--orders",
+    metavar="ros2[:tcp/127.0.0.1:PORT]",
+    help="Take orders for proofs from ROS 2, too, by rmw_zenoh and this machine's router (action ProveLocation).",
+)
 @click.option("--check", is_flag=True, help="Say what the settings mean, open nothing, and end.")
 def serve(
     *,
-    url: str,
+    url: str | None,
     tls_ca: Path | None,
     pads: tuple[str, ...],
     network_id: bool,
+    orders: str | None,
     check: bool,
     verbose: bool,
     identity: str,
@@ -137,33 +156,40 @@ def serve(
 ) -> None:
     """Stay, and prove where the drone is when the authority or its operator asks (POST /api/v1/proof-requests)."""
     _log_to_stderr(verbose=verbose)
-    address = urlsplit(url)
+    if url is None and network_id:
+        raise click.UsageError("--network-id: needs --backend, which is told")
+    address = urlsplit(url or "ws://127.0.0.1")
     if address.scheme != "wss" and (address.scheme, address.hostname) not in {("ws", "127.0.0.1"), ("ws", "localhost")}:
         raise click.UsageError("--backend: wss:// (ws:// to this machine alone)")
     try:
-        flight = flight_settings()
+        flight, broadcast, odometry = flight_settings(), open_drone_id_settings(), odometry_settings()
+        if url is None and orders is None and flight is None:
+            raise click.UsageError("--backend, --orders or [flight] in --config: who or what asks for proofs?")
         named = frozenset(pads)
         if check:
-            click.echo("\n".join(explained(url, named, identity, flight, options)))
+            told = options | {"odometry": odometry, "orders": orders}
+            click.echo("\n".join(explained(url, named, identity, flight, told, broadcast)))
             return
-        more = {"identity": identity, "flight": flight, "quiet": False, **options}
+        more = {"identity": identity, "flight": flight, "open_drone_id": broadcast, "quiet": False, **options}
+        more |= {"odometry": odometry, "orders": orders}
         asyncio.run(_serve(url, named, network_id=network_id, tls_ca=tls_ca, **more))
-    except (LedgerError, PositionError, BroadcastError) as error:
+    except (LedgerError, PositionError, BroadcastError, OrdersError) as error:
         raise click.ClickException(str(error)) from error
 
 
 async def _serve(
-    url: str,
+    url: str | None,
     pads: frozenset[str],
     *,
     network_id: bool,
     tls_ca: Path | None,
+    orders: str | None,
     identity: str,
     flight: FlightSettings | None,
     **options: Any,
 ) -> None:
     tls = None
-    if urlsplit(url).scheme == "wss":
+    if url is not None and urlsplit(url).scheme == "wss":
         shown = Connection.load(options["connection"]).client_files(identity)
         try:
             tls = tls_of(tls_ca, shown)
@@ -173,13 +199,30 @@ async def _serve(
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopping.set)
-    async with assembled(identity=identity, stays=True, flight=flight, **options) as made:
+    listeners: list[StepListener] = [progress]
+
+    def step(session: Session, report: ReportStep) -> None:
+        for each in listeners:
+            each(session, report)
+
+    async with contextlib.AsyncExitStack() as stack:
+        made = await stack.enter_async_context(
+            assembled(identity=identity, stays=True, flight=flight, on_step=step, **options)
+        )
         agent = made.agent
         willing = Willing(agent, pads, made.missing.why_not)
-        position = agent.position if network_id else None
-        credentials = Credentials.of("uav", agent.uav_id, made.identity, made.signer)
-        requests = Requests(url, credentials, willing.decide, position, tls=tls)
-        working = [asyncio.create_task(requests.run()), asyncio.create_task(made.missing.run())]
+        taken = None if orders is None else Ros2Orders(orders, agent.uav_id, willing, SteadyClock())
+        if taken is not None:
+            await stack.enter_async_context(taken)
+            listeners.append(taken.step)
+        working = [asyncio.create_task(made.missing.run())]
+        if url is not None:
+            position = agent.position if network_id else None
+            credentials = Credentials.of("uav", agent.uav_id, made.identity, made.signer)
+            requests = Requests(url, credentials, willing.decide, position, tls=tls)
+            working.append(asyncio.create_task(requests.run()))
+        if taken is not None:
+            working.append(asyncio.create_task(taken.run()))
         if made.pilot is not None:
             reports = LandingReports(made.ledger)
             made.pilot.prove_with(willing.begin)

@@ -21,13 +21,16 @@ from wonderland_fabric_gateway.identity import Identity
 from wonderland_fabric_gateway.signing import Signer
 from wonderland_fira_uci.errors import UwbError
 from wonderland_uav_agent.agent import UavAgent, UavAgentError
+from wonderland_uav_agent.broadcasts import OpenDroneIdSettings
 from wonderland_uav_agent.flight import FlightSettings, Pilot
 from wonderland_uav_agent.ledger_events import LedgerEvents
 from wonderland_uav_agent.missing import Missing
+from wonderland_uav_agent.position.odometry import OdometrySettings
 from wonderland_uav_agent.radio import UavRadio
 from wonderland_uav_agent.radio.tag import TagRadio
 from wonderland_uav_agent.session.ports import Act
-from wonderland_uav_agent.sources import open_broadcasts, open_position
+from wonderland_uav_agent.session.runner import StepListener
+from wonderland_uav_agent.sources import open_broadcasts, open_position, tell_autopilot
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +67,10 @@ async def assembled(
     act: Act | None = None,
     stays: bool = False,
     flight: FlightSettings | None = None,
+    open_drone_id: OpenDroneIdSettings | None = None,
+    interfaces: tuple[Path, ...] = (),
+    odometry: OdometrySettings | None = None,
+    on_step: StepListener | None = None,
 ) -> AsyncIterator[Assembled]:
     """The drone's agent with all that it needs. `stays`: does not wait for any of it."""
     if (node != "uci") != (report_to is not None):
@@ -80,12 +87,24 @@ async def assembled(
         pilot = None if flight is None else Pilot(flight, clock=clock, antenna_m=antenna_m)
         crew = None if pilot is None else pilot.board
         opened = open_position(
-            position, clock, geoid, antenna_m=antenna_m, wait=not stays, key_file=mavlink_key, crew=crew
+            position,
+            clock,
+            geoid,
+            antenna_m=antenna_m,
+            wait=not stays,
+            key_file=mavlink_key,
+            interfaces=interfaces,
+            odometry=odometry,
+            crew=crew,
         )
         source = await stack.enter_async_context(opened)
         broadcasts = (
-            await stack.enter_async_context(open_broadcasts(remote_id, who.pol_id, clock)) if remote_id else None
+            await stack.enter_async_context(open_broadcasts(remote_id, who.pol_id, clock, source))
+            if remote_id
+            else None
         )
+        if open_drone_id is not None:
+            tell_autopilot(open_drone_id, who.pol_id, source)
         await stack.enter_async_context(radio)
         if not stays:  # a request would take the pad's time and one of its keys, for a drone that cannot be ranged
             try:
@@ -106,7 +125,7 @@ async def assembled(
             clock=clock,
             whole_certificate=whole_certificate,
             patience_s=wait_s,
-            on_step=None if quiet else _progress,
+            on_step=on_step or (None if quiet else progress),
             on_range=None if pilot is None else pilot.on_range,
         )
         missing = Missing(
@@ -153,6 +172,7 @@ def _act(command: str | None) -> Act:
     return act
 
 
-def _progress(_session: object, report: Any) -> None:
+def progress(_session: object, report: Any) -> None:
+    """A step of a proof, for people."""
     mark = "✓" if report.ok else "✗"
     click.echo(f"  {mark} {report.step:<11}{report.detail}", err=True)

@@ -6,9 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from wonderland_fabric_gateway.connection import Connection
+from wonderland_uav_agent.broadcasts import BroadcastError, OpenDroneIdSettings
 from wonderland_uav_agent.flight import FlightSettings
 from wonderland_uav_agent.position.mavlink import SerialAddress, parse_address
 from wonderland_uav_agent.position.mavlink.signing import read_key
+from wonderland_uav_agent.position.odometry import OdometrySettings
+from wonderland_uav_agent.ros2_orders import link_of
 from wonderland_uav_agent.sources import LOOPBACK, needs_key
 
 _REFUSED = {
@@ -19,17 +22,24 @@ _REFUSED = {
 
 
 def explained(
-    url: str, pads: frozenset[str], identity: str, flight: FlightSettings | None, options: dict[str, Any]
+    url: str | None,
+    pads: frozenset[str],
+    identity: str,
+    flight: FlightSettings | None,
+    options: dict[str, Any],
+    open_drone_id: OpenDroneIdSettings | None = None,
 ) -> list[str]:
-    """A line for each part. Raises LedgerError for a connection, PositionError for a position that cannot be."""
+    """A line for each part. Raises LedgerError, PositionError or BroadcastError for what cannot be."""
     where = Connection.load(options["connection"])
     who = where.identity(identity)
     said = [
         f"This is drone {who.pol_id} ({who.msp_id}), on channel {where.channel} by way of {where.gateway.address}.",
         f"Its UWB node ({options['node']}) is at {options['port']}.",
         *_position(options["position"], options["mavlink_key"], options["geoid"], flown=flight is not None),
+        *_odometry(options["odometry"]),
         *_antenna(options["antenna_m"]),
-        f"It proves itself at {', '.join(sorted(pads))} when it is asked over {url}.",
+        *_broadcast(options["remote_id"], open_drone_id, who.pol_id, options["position"]),
+        *_asked(pads, url, options["orders"]),
     ]
     if options["command"] is not None and flight is not None:
         said.append("--then is not run: with [flight] the autopilot does what is permitted.")
@@ -42,8 +52,38 @@ def explained(
 
 def _antenna(antenna_m: tuple[float, float, float]) -> list[str]:
     forward, right, down = (f"{way:g}" for way in antenna_m)
-    where = f"{forward} m forward, {right} m right, {down} m down of the place that the autopilot tells"
+    where = f"{forward} m forward, {right} m right, {down} m down of the place that its position source tells"
     return [f"The node's antenna is {where}."] if any(antenna_m) else []
+
+
+def _broadcast(remote_id: str | None, told: OpenDroneIdSettings | None, uav_id: str, position: str) -> list[str]:
+    if position.partition(":")[0] != "mavlink" and (remote_id == "mavlink" or told is not None):
+        raise BroadcastError("--remote-id mavlink and [open_drone_id]: only with --position mavlink:…")
+    said = [] if remote_id is None else [f"It signs for what it broadcasts, by the word of {remote_id}."]
+    if told is not None:
+        operator = told.public_operator_id
+        named = "no operator" if operator is None else f"operator {operator}"
+        said.append(f"The autopilot is told to broadcast serial number {uav_id} and {named}.")
+    return said
+
+
+def _asked(pads: frozenset[str], url: str | None, orders: str | None) -> list[str]:
+    if orders is not None:
+        link_of(orders)
+    where = f"It proves itself at {', '.join(sorted(pads))} when"
+    if url is None and orders is None:
+        return [f"{where} it begins to land there; nobody else asks it (--backend, --orders)."]
+    said = [] if url is None else [f"{where} it is asked over {url}."]
+    by_ros = f"{where} a program on this machine orders it by ROS 2 ({orders}): whoever reaches its graph."
+    return said if orders is None else [*said, by_ros]
+
+
+def _odometry(said: OdometrySettings | None) -> list[str]:
+    if said is None:
+        return []
+    where = f"{said.lat:.7f}, {said.lon:.7f}, {said.height_m:g} m above the ellipsoid (to {said.accuracy_m:g} m)"
+    ways = f"its x axis {said.yaw_deg:g}° from east, counter-clockwise (to {said.yaw_accuracy_deg:g}°)"
+    return [f"Its positions are of an odometry in frame {said.frame}, whose origin is at {where}, {ways}."]
 
 
 def _position(text: str, key_file: Path | None, geoid: Path | None, *, flown: bool) -> list[str]:

@@ -9,17 +9,34 @@ import click
 
 from wonderland.toml_settings import SettingsError
 from wonderland.uwb.port_options import PORT
+from wonderland_uav_agent.broadcasts import OpenDroneIdSettings
 from wonderland_uav_agent.flight import FlightSettings
-from wonderland_uav_agent.settings import WAIT_S, load
+from wonderland_uav_agent.position.odometry import OdometrySettings
+from wonderland_uav_agent.settings import WAIT_S, UavSettings, load
 
-_FLIGHT = "wonderland_uav_agent.flight"
+_SETTINGS = "wonderland_uav_agent.settings"
+
+
+def _settings() -> UavSettings:
+    """The file that the command was given."""
+    found = click.get_current_context().meta.get(_SETTINGS, UavSettings())
+    assert isinstance(found, UavSettings)
+    return found
 
 
 def flight_settings() -> FlightSettings | None:
-    """The ``[flight]`` of the file that the command was given."""
-    found = click.get_current_context().meta.get(_FLIGHT)
-    assert found is None or isinstance(found, FlightSettings)
-    return found
+    """Its ``[flight]``."""
+    return _settings().flight
+
+
+def open_drone_id_settings() -> OpenDroneIdSettings | None:
+    """Its ``[open_drone_id]``."""
+    return _settings().open_drone_id
+
+
+def odometry_settings() -> OdometrySettings | None:
+    """Its ``[odometry]``."""
+    return _settings().odometry
 
 
 def _defaults(context: click.Context, _: click.Parameter, path: Path | None) -> None:
@@ -30,7 +47,7 @@ def _defaults(context: click.Context, _: click.Parameter, path: Path | None) -> 
     except SettingsError as error:
         raise click.UsageError(str(error)) from error
     context.default_map = {**(context.default_map or {}), **settings.defaults()}
-    context.meta[_FLIGHT] = settings.flight
+    context.meta[_SETTINGS] = settings
 
 
 from_config = click.option(
@@ -79,10 +96,11 @@ def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
         click.option(
             "--position",
             required=True,
-            metavar="mavlink:…|ros2:/TOPIC|udp:HOST:PORT|track:FILE",
+            metavar="mavlink:…|ros2:/TOPIC|ros2:px4|udp:HOST:PORT|track:FILE",
             help="Where the drone's position comes from: an autopilot that speaks MAVLink (mavlink:udp:HOST:PORT, "
-            "mavlink:tcp:HOST:PORT, mavlink:serial:DEVICE[:BAUD]), a topic of ROS 2 (NavSatFix), JSON "
-            "datagrams, or a recorded track (CSV).",
+            "mavlink:tcp:HOST:PORT, mavlink:serial:DEVICE[:BAUD]), a topic of ROS 2 (NavSatFix; Odometry with "
+            "[odometry]), PX4's own topics by its Zenoh module (ros2:px4, ros2:px4:/NAMESPACE), JSON datagrams, or a "
+            "recorded track (CSV).",
         ),
         click.option(
             "--mavlink-key",
@@ -95,8 +113,16 @@ def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
             "--geoid",
             type=click.Path(path_type=Path),
             metavar="FILE",
-            help="EGM96 of 15' (WW15MGH.DAC), for an autopilot by MAVLink whose receiver states no height above the "
-            "ellipsoid: those in simulation do not.",
+            help="EGM96 of 15' (WW15MGH.DAC), for an autopilot (mavlink:…, ros2:px4) whose receiver states no height "
+            "above the ellipsoid: those in simulation do not.",
+        ),
+        click.option(
+            "--interfaces",
+            type=click.Path(exists=True, file_okay=False, path_type=Path),
+            multiple=True,
+            metavar="DIRECTORY",
+            help="Where .msg files of ROS 2 are (an installation's share, a workspace's install), for a PX4 whose "
+            "messages are others than those known here. Several times.",
         ),
         click.option(
             "--antenna",
@@ -105,13 +131,14 @@ def of_the_drone(command: Callable[..., None]) -> Callable[..., None]:
             nargs=3,
             default=(0.0, 0.0, 0.0),
             metavar="FORWARD RIGHT DOWN",
-            help="Where the UWB node's antenna is, in metres from the place that the autopilot tells by MAVLink.",
+            help="Where the UWB node's antenna is, in metres from the place that the autopilot or the odometry tells.",
         ),
         click.option(
             "--remote-id",
-            metavar="udp:HOST:PORT",
-            help="Where the drone's Remote ID module says what it broadcasts; the agent signs for that, so that no "
-            "impostor's broadcast is taken for the drone's. Listen on this machine alone (127.0.0.1).",
+            metavar="mavlink|udp:HOST:PORT",
+            help="Where it is said what the drone broadcasts by Remote ID; the agent signs for that, so that no "
+            "impostor's broadcast is taken for the drone's. mavlink: by the link of --position mavlink:… "
+            "(OPEN_DRONE_ID_*). udp: the module tells; listen on this machine alone (127.0.0.1).",
         ),
         click.option(
             "--then",

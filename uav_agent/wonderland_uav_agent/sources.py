@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +11,9 @@ import click
 
 from wonderland.clock import Clock
 from wonderland.geoid import Geoid, GeoidError
-from wonderland_uav_agent.broadcasts import BroadcastError, RemoteIdModule
+from wonderland_uav_agent.broadcasts import BroadcastError, BroadcastSource, OpenDroneIdSettings, RemoteIdModule
+from wonderland_uav_agent.broadcasts.autopilot import AutopilotBroadcasts
+from wonderland_uav_agent.broadcasts.telling import Telling
 from wonderland_uav_agent.position import AutopilotPosition, PositionError, TellingPosition, TrackPosition
 from wonderland_uav_agent.position.mavlink import (
     Address,
@@ -23,13 +25,16 @@ from wonderland_uav_agent.position.mavlink import (
 from wonderland_uav_agent.position.mavlink.address import FORMS
 from wonderland_uav_agent.position.mavlink.attitude import Vector
 from wonderland_uav_agent.position.mavlink.signing import read_key
+from wonderland_uav_agent.position.odometry import OdometrySettings
 from wonderland_uav_agent.position.ros2 import FORM as ROS2_FORM
-from wonderland_uav_agent.position.ros2 import Ros2Position
+from wonderland_uav_agent.position.ros2 import open_ros2
 
 POSITION_PATIENCE_S: Final = 10.0
 AUTOPILOT_PATIENCE_S: Final = 60.0
 """ArduPilot takes some 40 s from its start until it uses GPS."""
 SAY_AFTER_S: Final = 3.0
+_TURNING: Final = frozenset({"mavlink", "ros2"})
+"""Whose place may be another than the antenna's."""
 LOOPBACK: Final = frozenset({"127.0.0.1", "::1", "localhost"})
 
 
@@ -42,16 +47,20 @@ async def open_position(
     antenna_m: Vector = (0.0, 0.0, 0.0),
     wait: bool,
     key_file: Path | None = None,
+    interfaces: Sequence[Path] = (),
+    odometry: OdometrySettings | None = None,
     crew: Callable[[MavlinkPosition], None] | None = None,
 ) -> AsyncIterator[TellingPosition]:
     """A source as ``--position`` names it; ``crew`` boards an autopilot's link. Raises PositionError."""
     kind, _, rest = text.partition(":")
     if key_file is not None and kind != "mavlink":
         raise click.UsageError("--mavlink-key: only with --position mavlink:…")
-    if any(antenna_m) and kind != "mavlink":
-        raise PositionError("--antenna: only with --position mavlink:…; what the others tell is the antenna's place")
-    if geoid is not None and kind != "mavlink":
-        raise PositionError("--geoid: only with --position mavlink:…; the others give heights above the ellipsoid")
+    if any(antenna_m) and kind not in _TURNING:
+        raise PositionError("--antenna: not with this --position: what it tells is the antenna's place")
+    if geoid is not None and kind not in _TURNING:
+        raise PositionError("--geoid: not with this --position: it gives heights above the ellipsoid")
+    if kind != "ros2" and (interfaces or odometry is not None):
+        raise PositionError("--interfaces and [odometry]: only with --position ros2:…")
     if kind == "mavlink":
         source = _autopilot(rest, clock, geoid, key_file, antenna_m, flown=crew is not None)
         if crew is not None:
@@ -64,7 +73,9 @@ async def open_position(
     if crew is not None:
         raise PositionError("[flight]: an autopilot is held by MAVLink alone; give --position mavlink:…")
     if kind == "ros2":
-        async with Ros2Position(rest, clock) as heard:
+        heights = _geoid(geoid)
+        made = open_ros2(rest, clock, interfaces=interfaces, geoid=heights, antenna_m=antenna_m, odometry=odometry)
+        async with made as heard:
             if wait:
                 await heard.wait(POSITION_PATIENCE_S)
             yield heard
@@ -113,11 +124,14 @@ def _autopilot(
             "that nobody else is in",
             err=True,
         )
+    return MavlinkPosition(where, clock, _geoid(geoid_file), key=key, antenna_m=antenna_m)
+
+
+def _geoid(file: Path | None) -> Geoid | None:
     try:
-        geoid = Geoid(geoid_file) if geoid_file is not None else None
+        return Geoid(file) if file is not None else None
     except GeoidError as error:
         raise PositionError(f"--geoid: {error}") from None
-    return MavlinkPosition(where, clock, geoid, key=key, antenna_m=antenna_m)
 
 
 def _udp(text: str) -> tuple[str, int] | None:
@@ -129,14 +143,36 @@ def _udp(text: str) -> tuple[str, int] | None:
     return host, int(port)
 
 
-def open_broadcasts(text: str, uav_id: str, clock: Clock) -> RemoteIdModule:
-    """What the Remote ID module sends, as ``--remote-id`` names it. Raises BroadcastError."""
+@contextlib.asynccontextmanager
+async def open_broadcasts(
+    text: str, uav_id: str, clock: Clock, position: TellingPosition
+) -> AsyncIterator[BroadcastSource]:
+    """What is broadcast, as ``--remote-id`` names it. Raises BroadcastError."""
+    if text == "mavlink":
+        heard = AutopilotBroadcasts(uav_id, clock)
+        autopilot_of(position, "--remote-id mavlink").tell_of_remote_id(heard)
+        yield heard
+        return
     listen = _udp(text)
     if listen is None:
-        raise BroadcastError(f"--remote-id {text}: give udp:HOST:PORT")
+        raise BroadcastError(f"--remote-id {text}: give mavlink or udp:HOST:PORT")
     if listen[0] not in LOOPBACK:
         click.echo(
             f"--remote-id {text}: whoever reaches this address has the drone sign for what he sends; use 127.0.0.1",
             err=True,
         )
-    return RemoteIdModule(listen, uav_id, clock)
+    async with RemoteIdModule(listen, uav_id, clock) as module:
+        yield module
+
+
+def tell_autopilot(settings: OpenDroneIdSettings, uav_id: str, position: TellingPosition) -> None:
+    """``[open_drone_id]``: what it broadcasts and cannot know. Raises BroadcastError."""
+    link = autopilot_of(position, "[open_drone_id]")
+    link.join(Telling(settings, uav_id, followed=lambda: link.navigator.sender, claim=link.claim))
+
+
+def autopilot_of(position: TellingPosition, who: str) -> MavlinkPosition:
+    """Raises BroadcastError where it is none."""
+    if not isinstance(position, MavlinkPosition):
+        raise BroadcastError(f"{who}: only with --position mavlink:…, by whose link it is")
+    return position

@@ -29,7 +29,7 @@ class Prover(Protocol):
         """Prove, and do what the verdict permits."""
         ...
 
-    def stop(self, reason: str = "agent_stopped") -> None:
+    def stop(self, reason: str = "drone_stopped") -> None:
         """End the session under way."""
 
 
@@ -47,8 +47,17 @@ class Willing:
         """Why not; empty where the drone sets about it."""
         return self.begin(wish.pad_id, wish.action)
 
-    def begin(self, pad_id: str, action: str, ended: Callable[[str], None] | None = None) -> str:
-        """Set about a proof; why not, or empty. ``ended`` hears why nothing was permitted (or empty)."""
+    def begin(
+        self,
+        pad_id: str,
+        action: str,
+        ended: Callable[[str], None] | None = None,
+        proved: Callable[[ProofResult], None] | None = None,
+    ) -> str:
+        """Set about a proof; why not, or empty. ``ended`` hears why nothing was permitted (or empty).
+
+        ``proved`` is told the result before, where there is one.
+        """
         if pad_id not in self._pads:
             return f"this drone does not prove itself at {pad_id}; its operator named {', '.join(sorted(self._pads))}"
         if self._work is not None and not self._work.done():
@@ -56,7 +65,7 @@ class Willing:
         lacking = self._missing()
         if lacking:
             return lacking
-        self._work = asyncio.create_task(self._prove(pad_id, action, ended), name=f"proof-{pad_id}-{action}")
+        self._work = asyncio.create_task(self._prove(pad_id, action, ended, proved), name=f"proof-{pad_id}-{action}")
         return ""
 
     async def stop(self) -> None:
@@ -67,7 +76,13 @@ class Willing:
             self._work.cancel()
             await asyncio.gather(self._work, return_exceptions=True)
 
-    async def _prove(self, pad_id: str, action: str, ended: Callable[[str], None] | None) -> None:
+    async def _prove(
+        self,
+        pad_id: str,
+        action: str,
+        ended: Callable[[str], None] | None,
+        proved: Callable[[ProofResult], None] | None,
+    ) -> None:
         reason = "the proof was ended"
         try:
             result = await self._agent.prove(pad_id, action)
@@ -76,6 +91,8 @@ class Willing:
             _log.warning("the proof at %s (%s) did not come about: %s", pad_id, action, error)
         else:
             reason = why_not(result)
+            if proved is not None:
+                proved(result)
             _log.info("the proof at %s (%s): %s, %s", pad_id, action, result.state, result.end)
         finally:
             if ended is not None:

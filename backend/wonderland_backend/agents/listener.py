@@ -54,20 +54,20 @@ def _end_point(path: Path, setting: str) -> str:
 
 
 class AgentsTls:
-    """TLS of the agents' listener: certificates of the channel's organisations only.
+    """TLS of where agents alone come in: certificates of the channel's organisations only.
 
     It learns authorities as the ledger names them and forgets none; whether a certificate is still good is seen at
     sign-in, and again whenever the channel's configuration changes.
     """
 
     def __init__(self) -> None:
-        self.context: ssl.SSLContext | None = None
+        self._contexts: list[ssl.SSLContext] = []
         self._known: dict[bytes, None] = {}
 
     def serve(self, context: ssl.SSLContext) -> None:
-        """The listener's context; it demands a certificate."""
+        """A listener's context; it demands a certificate."""
         context.verify_mode = ssl.CERT_REQUIRED
-        self.context = context
+        self._contexts.append(context)
         for der in self._known:
             context.load_verify_locations(cadata=der)
 
@@ -78,5 +78,5 @@ class AgentsTls:
             der = certificate.public_bytes(Encoding.DER)
             if der not in self._known:
                 self._known[der] = None
-                if self.context is not None:
-                    self.context.load_verify_locations(cadata=der)
+                for context in self._contexts:
+                    context.load_verify_locations(cadata=der)

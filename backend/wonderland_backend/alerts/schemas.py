@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal, Self
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from wonderland.problems import said
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 from wonderland_backend.alerts.kinds import KindName
 from wonderland_backend.field_texts import FieldRefused
 from wonderland_backend.filters import AboutQuery
-from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel, page_of
 
 _ID = f"^{ID_PATTERN}$"
@@ -74,6 +74,14 @@ class AlertDelivery(ApiModel):
     delivered_ms: int | None = None
     next_ms: int | None = None
     problem: str | None = None
+
+
+class AlertTold(ApiModel):
+    """An alert, as it is sent to the addresses of the server’s settings (`alert_webhooks`)."""
+
+    type: Literal["alert"]
+    alert: Alert
+    text: str = Field(description="The same in one sentence, in the language of the server’s settings")
 
 
 class AlertDetail(ApiModel):

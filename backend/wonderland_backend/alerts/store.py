@@ -10,6 +10,7 @@ from sqlalchemy import ColumnElement, Update, and_, case, func, insert, or_, sel
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.alerts.kinds import Alert
 from wonderland_backend.alerts.schemas import Act, AlertQuery
@@ -18,7 +19,6 @@ from wonderland_backend.db.tables.alerts import AlertActRow, AlertDeliveryRow, A
 from wonderland_backend.errors import Conflict, NotFound
 from wonderland_backend.narrowing import narrowed
 from wonderland_backend.person import Person, Scope
-from wonderland_backend.problem_texts import said
 
 OPEN: Final = "open"
 ACKNOWLEDGED: Final = "acknowledged"

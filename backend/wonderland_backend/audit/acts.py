@@ -57,6 +57,7 @@ Act = Literal[
     "active_subscription",
     "paused_subscription",
     "remove_subscription",
+    "test_subscription",
     # Keys, and the transactions that are signed with them (`wonderland_backend.transactions.functions`).
     "bind_key",
     "end_key",

@@ -49,6 +49,11 @@ async def instance(session: AsyncSession | AsyncConnection) -> str | None:
     return (await session.execute(select(InstanceRow.instance))).scalar_one_or_none()
 
 
+async def bus_key(session: AsyncSession | AsyncConnection) -> str | None:
+    """With which backends of this database seal what they say; None before one with a bus was on duty."""
+    return (await session.execute(select(InstanceRow.bus_key))).scalar_one_or_none()
+
+
 async def sent_to(session: AsyncSession, destination: str) -> int | None:
     """Up to which row the log was sent there; None where nothing ever was."""
     return (await session.scalars(select(AuditStreamRow.seq).where(AuditStreamRow.destination == destination))).first()

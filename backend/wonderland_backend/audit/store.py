@@ -127,6 +127,15 @@ async def ensure_instance(connection: AsyncConnection, name: str, now_ms: int) -
     return name
 
 
+async def ensure_bus_key(connection: AsyncConnection, new: str) -> str:
+    """The key of the backends' bus; at the first start with one it gets this one."""
+    known = await queries.bus_key(connection)
+    if known is not None:
+        return known
+    await connection.execute(update(InstanceRow).values(bus_key=new))
+    return new
+
+
 async def note_sent(connection: AsyncConnection, destination: str, seq: int, *, again: bool) -> None:
     """The log was sent there up to this row; `again`: not for the first time."""
     if again:

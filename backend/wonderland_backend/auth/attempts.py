@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Final
 
+from wonderland.problems import said
 from wonderland_backend.context import part
 from wonderland_backend.errors import TooManyRequests
-from wonderland_backend.problem_texts import said
 
 WINDOW_MS: Final = 60_000
 MAX_ADDRESSES: Final = 10_000

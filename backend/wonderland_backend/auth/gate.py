@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from http import HTTPStatus
 from typing import Final
 
 from starlette.routing import Match
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wonderland_backend.auth.store.sign_ins import SignIns
-from wonderland_backend.errors import problem_response
-from wonderland_backend.problem_texts import said
+from wonderland_backend.errors import SetUpRequired, problem_response
 
-OPEN: Final = ("/api/v1/health", "/api/v1/sign-in", "/api/v1/openapi.json")
+DESCRIPTIONS: Final = ("/api/v1/openapi.json", "/api/v1/asyncapi.json", "/api/v1/problems")
+OPEN: Final = ("/api/v1/health", "/api/v1/sign-in", *DESCRIPTIONS)
 """What is answered all the same: by itself, and what is below it."""
 CONSOLE: Final = frozenset({"/", "/{path:path}"})
 """Its routes: a page and its files, the same for everybody."""
 TRY_LATER: Final = 1013
-DETAIL: Final = said("set_up_first")
 
 
 class SetUpGate:
@@ -40,12 +38,12 @@ class SetUpGate:
             await self._app(scope, receive, send)
         elif scope["type"] == "http":
             scope.setdefault("state", {})["audited"] = True  # there is nobody yet who could read of it
-            answer = problem_response(scope, HTTPStatus.FORBIDDEN, "set-up-required", DETAIL)
+            answer = problem_response(scope, SetUpRequired(SetUpRequired.example))
             await answer(scope, receive, send)
         else:
             await receive()
             await send({"type": "websocket.accept"})
-            await send({"type": "websocket.close", "code": TRY_LATER, "reason": str(DETAIL)})
+            await send({"type": "websocket.close", "code": TRY_LATER, "reason": str(SetUpRequired.example)})
 
 
 def _is_open(scope: Scope) -> bool:

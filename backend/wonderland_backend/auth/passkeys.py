@@ -24,12 +24,12 @@ from webauthn.helpers.structs import (
     UserVerificationRequirement,
 )
 
+from wonderland.problems import Said, said
 from wonderland_backend.auth.site import site_of
 from wonderland_backend.auth.store import ceremonies
 from wonderland_backend.auth.store import passkeys as store
 from wonderland_backend.context import Context
 from wonderland_backend.errors import BadRequest, Conflict, SignInRequired
-from wonderland_backend.problem_texts import Said, said
 
 REGISTER: Final = "register"
 SIGN_IN: Final = "passkey"

@@ -14,6 +14,7 @@ from typing import Any, Final
 from fastapi import Request
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from wonderland.problems import Said, said
 from wonderland_backend import audit
 from wonderland_backend.auth import passkeys
 from wonderland_backend.auth.store import ceremonies, sign_ins
@@ -21,7 +22,6 @@ from wonderland_backend.auth.store import passkeys as passkey_store
 from wonderland_backend.context import Context
 from wonderland_backend.errors import Problem, SignInRequired
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import Said, said
 
 HEADER: Final = "Step-Up"
 RECENT_MS: Final = 15 * 60_000

@@ -24,9 +24,9 @@ from cryptography.x509.verification import (
 )
 from starlette.requests import HTTPConnection
 
+from wonderland.problems import said
 from wonderland_backend.errors import BadRequest, SettingsError
 from wonderland_backend.field_texts import FieldRefused
-from wonderland_backend.problem_texts import said
 from wonderland_backend.settings import Settings
 from wonderland_fabric_gateway.certificates import certificate_of_der, certificates_of
 

@@ -15,13 +15,13 @@ from fastapi import Request
 from fastapi.responses import Response
 from sqlalchemy.exc import IntegrityError
 
+from wonderland.problems import said
 from wonderland_backend.clients import store
 from wonderland_backend.context import Context, required
 from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.clients import IdempotencyRow
 from wonderland_backend.errors import BadRequest, Conflict, Unprocessable
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 
 HEADER: Final = "Idempotency-Key"
 REPLAYED: Final = "Idempotency-Replayed"

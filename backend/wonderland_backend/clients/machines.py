@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 
 from starlette.requests import HTTPConnection
 
+from wonderland.problems import said
 from wonderland_backend.clients.certificates import Certificates
 from wonderland_backend.clients.keys import TokenKeys
 from wonderland_backend.clients.scopes import LIVE, scopes_for
@@ -18,7 +19,6 @@ from wonderland_backend.db.tables.clients import ClientRow
 from wonderland_backend.errors import Forbidden
 from wonderland_backend.http.limits import RateLimits
 from wonderland_backend.person import Person, roles_of
-from wonderland_backend.problem_texts import said
 from wonderland_backend.settings import Settings
 from wonderland_backend.tokens import Caller, TokenRefused, TokenVerifier
 

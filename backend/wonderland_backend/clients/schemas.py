@@ -6,8 +6,8 @@ from typing import Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from wonderland.problems import said
 from wonderland_backend.clients.store import ByCertificate, ClientError, Role
-from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel, page_of
 
 NAMES: Final[tuple[Literal["subject_dn", "san_dns", "san_uri"], ...]] = ("subject_dn", "san_dns", "san_uri")
@@ -42,7 +42,7 @@ class NewCertificate(BaseModel):
         return ByCertificate.named(*given[0])
 
 
-class Client(ApiModel):
+class RegisteredClient(ApiModel):
     """A machine that may read the API."""
 
     client_id: str
@@ -93,7 +93,7 @@ class AuthorizationServer(ApiModel):
     service_documentation: str = Field(examples=["https://wonderland.example.com/api/v1/reference"])
 
 
-class NewClient(BaseModel):
+class ClientRegistration(BaseModel):
     """A machine to be registered."""
 
     model_config = ConfigDict(extra="forbid")
@@ -113,7 +113,7 @@ class NewClient(BaseModel):
 class ClientCreated(ApiModel):
     """A new client, and its secret: shown this once."""
 
-    client: Client
+    client: RegisteredClient
     client_secret: str | None = None
 
 
@@ -141,4 +141,4 @@ class TokenError(ApiModel):
     error_description: str
 
 
-ClientPage = page_of("ClientPage", Client)
+ClientPage = page_of("ClientPage", RegisteredClient)

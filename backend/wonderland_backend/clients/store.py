@@ -15,6 +15,7 @@ from sqlalchemy import delete, insert, or_, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
+from wonderland.problems import SaidError, said
 from wonderland_backend import audit
 from wonderland_backend.audit.store import Actor
 from wonderland_backend.clients.certificates import ShownCertificate, names_of, read_pem, sha256_of
@@ -26,7 +27,6 @@ from wonderland_backend.db.tables.people import PersonRow
 from wonderland_backend.errors import NotFound
 from wonderland_backend.http.transfer import TransferError
 from wonderland_backend.person import roles_of
-from wonderland_backend.problem_texts import SaidError, said
 from wonderland_backend.tokens import read_keys
 
 SECRET_BYTES: Final = 32

@@ -14,13 +14,13 @@ from joserfc import jwt
 from joserfc.errors import JoseError
 from joserfc.jwk import KeySet
 
+from wonderland.problems import Said, SaidError, said
 from wonderland_backend.clients import store
 from wonderland_backend.clients.certificates import ShownCertificate
 from wonderland_backend.clients.keys import ALGORITHM, TokenKeys
 from wonderland_backend.clients.store import Clients
 from wonderland_backend.db.tables.clients import ClientRow
 from wonderland_backend.errors import BackendError
-from wonderland_backend.problem_texts import Said, SaidError, said
 from wonderland_backend.tokens import THUMBPRINT
 
 TTL_S: Final = 3600

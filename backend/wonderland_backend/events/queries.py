@@ -12,12 +12,12 @@ import orjson
 from sqlalchemy import select, tuple_
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wonderland.problems import said
 from wonderland_backend.context import part
 from wonderland_backend.db.tables.ledger import Checkpoint, DroneRow, EventRow, PadRow, TransactionRow
 from wonderland_backend.errors import BadRequest
 from wonderland_backend.masking import is_drone, shown_uav
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 
 BATCH: Final = 200
 PATTERN: Final = r"^\d{1,15}\.\d{1,9}$"

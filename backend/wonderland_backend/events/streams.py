@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Annotated
 
+from wonderland.problems import said
 from wonderland_backend.context import part
 from wonderland_backend.errors import TooManyRequests
-from wonderland_backend.problem_texts import said
 
 
 class Streams:

@@ -6,9 +6,9 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from wonderland.problems import said
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 from wonderland_backend.field_texts import FieldRefused
-from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel
 from wonderland_backend.settings.outputs import Format
 

@@ -9,6 +9,7 @@ from typing import Any, Final
 import anyio
 import orjson
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.context import Context
 from wonderland_backend.db.tables.exports import ExportRow
@@ -20,7 +21,6 @@ from wonderland_backend.exports.queries import Rows
 from wonderland_backend.exports.schemas import ExportQuery
 from wonderland_backend.mirror.status import MirrorStatus
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.replay.queries.moment import moment
 from wonderland_backend.settings.outputs import Format
 

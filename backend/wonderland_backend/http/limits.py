@@ -8,9 +8,9 @@ from typing import Final
 
 from starlette.types import Scope
 
+from wonderland.problems import said
 from wonderland_backend.answer_headers import add_headers
 from wonderland_backend.errors import TooManyRequests
-from wonderland_backend.problem_texts import said
 
 WINDOW_MS: Final = 60_000
 MAX_CALLERS: Final = 10_000

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 from urllib.parse import SplitResult, urlsplit
 
-from wonderland_backend.problem_texts import SaidError, said
+from wonderland.problems import SaidError, said
 
 MAX_URL: Final = 500
 RESOLVE_S: Final = 5.0

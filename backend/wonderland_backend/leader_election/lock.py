@@ -32,6 +32,12 @@ _NOTICE_THE_DEAD: Final = (
     # A machine that lost its power closes no connection; the server finds out within 20 s and frees the lock.
     "SET tcp_keepalives_idle = 10; SET tcp_keepalives_interval = 5; SET tcp_keepalives_count = 2"
 )
+_NAMED: Final = "wonderland-"
+_HOLDER: Final = (
+    "SELECT application_name FROM pg_locks JOIN pg_stat_activity USING (pid) WHERE locktype = 'advisory' AND granted "
+    "AND classid = :high AND objid = :low AND objsubid = 1 "
+    "AND pg_locks.database = (SELECT oid FROM pg_database WHERE datname = current_database())"
+)
 
 
 class Lock(Protocol):
@@ -44,28 +50,48 @@ class Lock(Protocol):
         """Raises `DatabaseError` where it is ours no longer."""
 
     async def release(self) -> None:
-        """Give the lock back, so that a standby can take it."""
+        """Give the lock back, so that another one can take it."""
+
+    async def holder(self) -> str:
+        """The name of whoever holds it; empty where nobody does, or it is not to be known just now."""
 
 
 class PostgresLock:
     """An advisory lock, held by a connection of its own for as long as that lives."""
 
-    def __init__(self, url: URL) -> None:
+    def __init__(self, url: URL, name: str) -> None:
         self._engine = create_async_engine(
-            url, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args={"connect_timeout": 10}
+            url,
+            poolclass=NullPool,
+            isolation_level="AUTOCOMMIT",
+            connect_args={"connect_timeout": 10, "application_name": _NAMED + name},
         )
         self._connection: AsyncConnection | None = None
+        self._one_at_a_time = asyncio.Lock()
 
     async def take_lock(self) -> bool:
         """Whether it is ours now. Raises `DatabaseError` where the database does not answer."""
         try:
-            if self._connection is None:
-                self._connection = await self._engine.connect()
-                await self._connection.execute(text(_NOTICE_THE_DEAD))
-            return bool(await self._connection.scalar(text(f"SELECT pg_try_advisory_lock({KEY})")))
+            async with self._one_at_a_time:
+                if self._connection is None:
+                    self._connection = await self._engine.connect()
+                    await self._connection.execute(text(_NOTICE_THE_DEAD))
+                return bool(await self._connection.scalar(text(f"SELECT pg_try_advisory_lock({KEY})")))
         except SQLAlchemyError as cause:
             await self.release()
             raise DatabaseError(f"--database: PostgreSQL does not answer ({_why(cause)})") from None
+
+    async def holder(self) -> str:
+        """As its connection is named: a name that ends with the lock."""
+        try:
+            async with self._one_at_a_time:
+                if self._connection is None:
+                    return ""
+                named = await self._connection.scalar(text(_HOLDER), {"high": KEY >> 32, "low": KEY & 0xFFFFFFFF})
+        except SQLAlchemyError:
+            await self.release()
+            return ""
+        return str(named or "").removeprefix(_NAMED)
 
     async def prove(self) -> None:
         """The connection answers, so that its lock is still held. Raises `DatabaseError`."""
@@ -91,7 +117,8 @@ class PostgresLock:
 class FileLock:
     """A file beside a SQLite database: two processes of one machine cannot both lock it."""
 
-    def __init__(self, database: Path) -> None:
+    def __init__(self, database: Path, name: str) -> None:
+        self._name = name
         self._path = database.with_name(f"{database.name}.lock")
         self._file: int | None = None
 
@@ -106,7 +133,16 @@ class FileLock:
         except BlockingIOError:
             await self.release()
             return False
+        os.ftruncate(self._file, 0)
+        os.pwrite(self._file, self._name.encode(), 0)
         return True
+
+    async def holder(self) -> str:
+        """As the file says; of one that has ended, until somebody else locks it."""
+        try:
+            return self._path.read_text("utf-8")
+        except (OSError, UnicodeDecodeError):
+            return ""
 
     async def prove(self) -> None:
         """A file stays locked as long as its process lives."""
@@ -118,10 +154,12 @@ class FileLock:
             os.close(file)
 
 
-def lock_of(database: str) -> Lock:
-    """The lock of the database at this URL. Raises `SettingsError`."""
+def lock_of(database: str, name: str = "") -> Lock:
+    """The lock of the database at this URL, held under this name. Raises `SettingsError`."""
     url = parse_url(database)
-    return FileLock(Path(url.database or "")) if url.get_backend_name() == "sqlite" else PostgresLock(url)
+    if url.get_backend_name() == "sqlite":
+        return FileLock(Path(url.database or ""), name)
+    return PostgresLock(url, name)
 
 
 @contextlib.asynccontextmanager

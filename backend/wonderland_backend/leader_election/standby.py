@@ -10,12 +10,11 @@ from typing import Final
 import uvicorn
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from wonderland_backend.errors import DatabaseError, problem_response
+from wonderland_backend.errors import DatabaseError, Standby, problem_response
 from wonderland_backend.leader_election.lock import PROVE_EVERY_S, TRY_EVERY_S, Lock
-from wonderland_backend.problem_texts import STANDBY, said
+from wonderland_backend.problem_texts import STANDBY
 
 TRY_AGAIN_LATER: Final = 1013
-DETAIL: Final = said("standby")
 
 
 async def stand_by(lock: Lock, bound: socket.socket, new_server: Callable[[ASGIApp], uvicorn.Server]) -> None:
@@ -24,11 +23,16 @@ async def stand_by(lock: Lock, bound: socket.socket, new_server: Callable[[ASGIA
     # The server closes what it listens on; the socket itself goes on to the leader.
     serving = asyncio.create_task(server.serve([bound.dup()]), name="standby")
     try:
-        while not await _taken(lock):  # noqa: ASYNC110 - it is another process that decides
-            await asyncio.sleep(TRY_EVERY_S)
+        await wait_for(lock)
     finally:
         server.should_exit = True
         await serving
+
+
+async def wait_for(lock: Lock) -> None:
+    """Until the lock is ours."""
+    while not await _taken(lock):  # noqa: ASYNC110 - it is another process that decides
+        await asyncio.sleep(TRY_EVERY_S)
 
 
 async def stay_leader(lock: Lock) -> None:
@@ -52,4 +56,4 @@ async def _refuse(scope: Scope, receive: Receive, send: Send) -> None:
         await send({"type": "websocket.close", "code": TRY_AGAIN_LATER, "reason": STANDBY})
     elif scope["type"] == "http":
         headers = {"Retry-After": "2", "Cache-Control": "no-store"}
-        await problem_response(scope, 503, STANDBY, DETAIL, headers=headers)(scope, receive, send)
+        await problem_response(scope, Standby(Standby.example, headers=headers))(scope, receive, send)

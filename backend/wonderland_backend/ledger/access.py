@@ -8,9 +8,9 @@ from typing import Annotated, Final
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from wonderland.problems import said
 from wonderland_backend.context import maybe, part_of
 from wonderland_backend.errors import LedgerAway
-from wonderland_backend.problem_texts import said
 from wonderland_evidence.export import export
 from wonderland_evidence.stamping import with_timestamp
 from wonderland_fabric_gateway.ca import CertificateRequest

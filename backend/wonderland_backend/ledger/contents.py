@@ -12,10 +12,10 @@ from base64 import urlsafe_b64encode
 from collections.abc import Callable
 from typing import Any, Final
 
+from wonderland.problems import said
 from wonderland_backend.db.tables.ledger import VerdictRow
 from wonderland_backend.errors import LedgerAway, NotFound, RowsDiffer
 from wonderland_backend.mirror.source import BlockSource
-from wonderland_backend.problem_texts import said
 from wonderland_fabric_gateway.blocks import Block, BlockSignature, block_signatures
 from wonderland_fabric_gateway.errors import BlockError, IdentityError, LedgerError
 from wonderland_fabric_gateway.identity import Identity

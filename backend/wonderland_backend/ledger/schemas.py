@@ -207,6 +207,9 @@ class ServerStatus(ApiModel):
     epoch: str = Field(description="Changes with each start; see the live interface's resume")
     demo: bool
     outputs: Outputs | None = Field(default=None, description="Left out in live frames")
+    stale_since_ms: int | None = Field(
+        default=None, description="Since when this backend has heard nothing of the one on duty: the picture is as old"
+    )
 
 
 class Counts(ApiModel):

@@ -23,6 +23,7 @@ from wonderland.proofs.records.sessions import Session
 from wonderland.proofs.records.verdicts import OUTCOMES
 from wonderland_backend.alerts import store as alerts
 from wonderland_backend.context import part
+from wonderland_backend.live.aside import Aside
 from wonderland_backend.live.queries import LAST_VERDICTS, MAX_TRACKS, RECENT_SESSIONS, Contents, contents_now
 from wonderland_backend.mirror.derive import Changes
 from wonderland_backend.mirror.rows import (
@@ -75,6 +76,7 @@ class Board:
         self._server = {"version": version, "epoch": epoch, "demo": demo}
         self.viewers: Callable[[], int] = lambda: 0
         self._owners: dict[str, str] = {}
+        self._aside = Aside()
         self._clear()
 
     def _clear(self) -> None:
@@ -131,11 +133,13 @@ class Board:
 
     def commit(self, changes: Changes) -> None:
         """Take in what the mirror has committed."""
+        self._aside.committed = True
+        self._aside.organisations |= changes.organisations is not None
         for pad in changes.rows(PadWrite).values():
             self._put_pad(pad)
         for drone in changes.rows(DroneWrite).values():
             self._drones.add(drone.uav_id)
-            self._owners[drone.uav_id] = drone.msp_id
+            self._owners[drone.uav_id] = self._aside.drones[drone.uav_id] = drone.msp_id
         decided = {row.session_id: row for row in changes.verdict_writes}
         steps = {row.session_id: row.steps for row in changes.rows(EvidenceWrite).values()}
         for session in changes.session_writes:
@@ -233,6 +237,19 @@ class Board:
         """Whose drone it is on the ledger."""
         return self._owners.get(uav_id)
 
+    def is_connected(self, pad_id: str) -> bool:
+        """Whether this pad's agent is connected."""
+        return self._agents.is_connected(pad_id)
+
+    def owners(self) -> Aside:
+        """Whose everything is, for a copy that begins."""
+        return Aside(pads={pad_id: pad.msp_id for pad_id, pad in self._pads.items()}, drones=dict(self._owners))
+
+    def take_aside(self) -> Aside:
+        """What copies of this board must know beside the changes."""
+        taken, self._aside = self._aside, Aside()
+        return taken
+
     def snapshot(self) -> dict[str, list[Any]]:
         """All that a client needs to begin, by kind; verdicts oldest first."""
         oldest = self._clock() - TRACK_AGE_MS
@@ -276,6 +293,7 @@ class Board:
         before = self._pads.get(row.pad_id)
         self._pads[row.pad_id] = _Pad(row.msp_id, row.record, None if before is None else before.health)
         self._changed_pads.add(row.pad_id)
+        self._aside.pads[row.pad_id] = row.msp_id
 
     def _put_session(self, row: SessionWrite, verdict: VerdictWrite | None, evidence_steps: str | None) -> None:
         session_id = row.session_id
@@ -330,6 +348,7 @@ class Board:
                 return
             if view.is_ended or view.outline.expires_ms < now or len(self._sessions) > 4 * RECENT_SESSIONS:
                 del self._sessions[session_id]
+                self._aside.gone.append(session_id)
                 self._end_estimate(view.outline.uav_id, session_id)
 
     def _end_estimate(self, uav_id: str, session_id: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import re
-from collections.abc import Iterator
 from http import HTTPStatus
 from typing import Final
 
@@ -16,7 +15,6 @@ from wonderland_backend.auth.store.sign_ins import SignInsDep
 from wonderland_backend.clients.machines import MachinesDep
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import Problem
-from wonderland_backend.live.board import BoardDep
 from wonderland_backend.live.hub import SIGNED_OUT, Client, HubDep
 from wonderland_backend.live.lens import Lens
 from wonderland_backend.person import Person
@@ -31,7 +29,7 @@ MAX_REASON: Final = 120
 
 @router.websocket("/live")
 async def live(
-    socket: WebSocket, context: ContextDep, board: BoardDep, hub: HubDep, sign_ins: SignInsDep, machines: MachinesDep
+    socket: WebSocket, context: ContextDep, hub: HubDep, sign_ins: SignInsDep, machines: MachinesDep
 ) -> None:
     """Push what happens to a signed-in browser or a machine; see docs/seams.md, "Backend to browser: live"."""
     refused: tuple[int, str] | None = None
@@ -49,14 +47,14 @@ async def live(
         await socket.close(*(refused or (SIGNED_OUT, "sign in first")))
         return
     found = _SINCE.fullmatch(socket.query_params.get("since", "")[:64])
-    lens = Lens.of(person, pad_owner=board.pad_owner, drone_owner=board.drone_owner)
-    client, first = hub.join(
+    lens = Lens.of(person, pad_owner=hub.pad_owner, drone_owner=hub.drone_owner)
+    client = hub.join(
         person.cookie_sha256 or f"{person.person_id}:{'+'.join(person.roles)}:{person.expires_ms}",
         (found[1], int(found[2])) if found else None,
         lens,
         takes_packed=socket.query_params.get("packed") == "zlib",
     )
-    sender = asyncio.create_task(_send(socket, client, first), name="live-sender")
+    sender = asyncio.create_task(_send(socket, client), name="live-sender")
     listener = asyncio.create_task(_listen(socket), name="live-listener")
     closing = asyncio.create_task(client.closing.wait(), name="live-closing")
     tasks = (sender, listener, closing)
@@ -70,13 +68,8 @@ async def live(
         await _close(socket, client)
 
 
-async def _send(socket: WebSocket, client: Client, first: Iterator[str | bytes]) -> None:
-    """The snapshot at the client's own pace (each send waits until the socket's buffer has room), then its queue."""
-    for frame in first:
-        if client.close_code is not None:
-            return
-        await _send_one(socket, frame)
-        await asyncio.sleep(0)
+async def _send(socket: WebSocket, client: Client) -> None:
+    """At the client's own pace: each send waits until the socket's buffer has room."""
     while (following := await client.next_frame()) is not None:
         await _send_one(socket, following)
 

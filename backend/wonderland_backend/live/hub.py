@@ -8,11 +8,13 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Final
+from itertools import chain
+from typing import Annotated, Any, Final, Protocol
 
 import orjson
 
 from wonderland_backend.context import part
+from wonderland_backend.live.aside import Aside
 from wonderland_backend.live.board import Board
 from wonderland_backend.live.lens import Lens
 
@@ -48,6 +50,8 @@ class Client:
     """None: it sees the frames as they are."""
     takes_packed: bool = False
     """Long frames go to it as zlib's bytes, packed once for all who see the same."""
+    first: Iterator[str | bytes] = field(default_factory=lambda: iter(()))
+    """What it is sent before what waits: the beginning, made as it takes it."""
     frames: deque[str | bytes] = field(default_factory=deque)
     waiting_bytes: int = 0
     close_code: int | None = None
@@ -66,25 +70,65 @@ class Client:
         self.waiting_bytes += len(frame)
         self._ready.set()
 
+    def begin(self, first: Iterator[str | bytes]) -> None:
+        """It begins (anew) with these frames; what waits is not sent any more."""
+        self.first = first
+        self.frames.clear()
+        self.waiting_bytes = 0
+        self._ready.set()
+
     def close(self, code: int) -> None:
         """End the connection with this code; what waits is not sent any more."""
         if self.close_code is None:
             self.close_code = code
-            self.frames.clear()
-            self.waiting_bytes = 0
+            self.begin(iter(()))
             self.closing.set()
-            self._ready.set()
 
     async def next_frame(self) -> str | bytes | None:
         """The next frame; None when the connection is to be closed."""
-        while not self.frames:
-            if self.close_code is not None:
-                return None
+        while self.close_code is None:
+            beginning = next(self.first, None)
+            if beginning is not None:
+                await asyncio.sleep(0)  # a long beginning is not sent at one go
+                return beginning
+            if self.frames:
+                frame = self.frames.popleft()
+                self.waiting_bytes -= len(frame)
+                return frame
             self._ready.clear()
             await self._ready.wait()
-        frame = self.frames.popleft()
-        self.waiting_bytes -= len(frame)
-        return frame
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """What all clients are sent at one tick, and what other backends are told beside it."""
+
+    seq: int
+    text: str
+    aside: Aside
+
+
+class Shown(Protocol):
+    """What clients are shown: this backend's own board, or the copy of another's."""
+
+    has_more_alerts: bool
+    viewers: Callable[[], int]
+
+    def snapshot(self) -> dict[str, list[Any]]:
+        """All that a client needs to begin, by kind."""
+
+    def status(self) -> dict[str, Any]:
+        """The Status of the interfaces."""
+
+    def pad_owner(self, pad_id: str) -> str | None:
+        """Whose pad it is on the ledger."""
+
+    def drone_owner(self, uav_id: str) -> str | None:
+        """Whose drone it is on the ledger."""
+
+    def is_connected(self, pad_id: str) -> bool:
+        """Whether this pad's agent is connected."""
 
 
 class Hub:
@@ -101,18 +145,22 @@ class Hub:
         client_queue_bytes: int,
         max_viewers: int,
     ) -> None:
-        self.epoch: Final = epoch
+        self.epoch = epoch
         self.seq = 0
-        self._board = board
+        self.board: Shown = board
+        self.tell: Callable[[Frame], None] = lambda _frame: None
+        """Told of each frame, before clients are."""
+        self._own: Board | None = board
+        self._ended: dict[str, int] = {}
         self._clock = clock
         self._tick_s = tick_ms / 1000
-        self._ring: deque[tuple[int, str]] = deque()
+        self._ring: deque[Frame] = deque()
         self._ring_bytes = 0
         self._max_ring_bytes = ring_bytes
         self._client_queue_bytes = client_queue_bytes
         self._max_viewers = max_viewers
         self._clients: set[Client] = set()
-        self._snapshot: tuple[int, list[str]] | None = None
+        self._snapshot: tuple[int, list[_Views]] | None = None
         self._status_due_ms = 0
         self._sent_ms = clock()
         self._closing = False
@@ -146,19 +194,54 @@ class Hub:
         return 2 * sum(1 for client in self._clients if client.frames) > len(self._clients)
 
     def tick(self) -> None:
-        """Send what changed since the last tick, encoded once; after a silence a delta that says only its time."""
+        """Send what changed since the last tick, encoded once; after a silence a delta that says only its time.
+
+        Of another's frames nothing is to be made here.
+        """
+        board = self._own
+        if board is None:
+            return
         now = self._clock()
         with_status = now >= self._status_due_ms or now < self._status_due_ms - STATUS_EVERY_MS
         if with_status:
             self._status_due_ms = now + STATUS_EVERY_MS
-        changed = self._board.take_changes(with_status=with_status)
-        if not changed and 0 <= now - self._sent_ms < HEARTBEAT_MS:
+        changed = board.take_changes(with_status=with_status)
+        aside = board.take_aside()
+        aside.people, self._ended = self._ended, {}
+        if not changed and aside.is_empty and 0 <= now - self._sent_ms < HEARTBEAT_MS:
             return
         self._sent_ms = now
-        self.seq += 1
-        frame = orjson.dumps({"type": "delta", "seq": self.seq, "t_ms": now, **changed}).decode()
+        text = orjson.dumps({"type": "delta", "seq": self.seq + 1, "t_ms": now, **changed}).decode()
+        self.relay(Frame(self.seq + 1, text, aside))
+
+    def relay(self, frame: Frame) -> None:
+        """Send a frame to every client: the next one of this epoch, made here or by the backend that is followed."""
+        self.seq = frame.seq
         self._remember(frame)
-        views = _Views(frame)
+        self.tell(frame)
+        self._offer(frame.text)
+
+    def say(self, changed: dict[str, Any]) -> None:
+        """Tell clients something that is no part of the frames: it has the last one's number, and nobody resumes it."""
+        self._offer(orjson.dumps({"type": "delta", "seq": self.seq, "t_ms": self._clock(), **changed}).decode())
+
+    def begin(self, epoch: str, seq: int, board: Shown) -> None:
+        """From here on this is shown; all clients begin anew with it, on the connections that they have.
+
+        Frames are made here where it is a board of our own, and relayed where it is a copy.
+        """
+        self.epoch, self.seq, self.board = epoch, seq, board
+        self._own = board if isinstance(board, Board) else None
+        board.viewers = lambda: len(self._clients)
+        self._ring.clear()
+        self._ring_bytes = 0
+        self._snapshot = None
+        self._sent_ms = self._status_due_ms = 0  # whoever follows is told at the next tick
+        for client in self._clients:
+            client.begin(self._first(None, client))
+
+    def _offer(self, text: str) -> None:
+        views = _Views(text)
         for client in self._clients:
             view = views.of(client)
             client.offer(view)
@@ -171,28 +254,41 @@ class Hub:
 
     def join(
         self, person: str, since: tuple[str, int] | None, lens: Lens | None = None, *, takes_packed: bool = False
-    ) -> tuple[Client, Iterator[str | bytes]]:
-        """A new connection: what to send it first, at its own pace; its queue has what comes after that.
+    ) -> Client:
+        """A new connection: it is sent the beginning first, at its own pace, then what comes after that.
 
         `since` (epoch, seq) is what it has seen already.
         """
         client = Client(person, self._client_queue_bytes, lens, takes_packed)
         if self._closing or len(self._clients) >= self._max_viewers:
             client.close(GOING_AWAY if self._closing else TOO_MANY)
-            return client, iter(())
+            return client
         self.tick()  # so that the snapshot is the state at `seq`, and nothing comes twice
         self._clients.add(client)
-        epoch = self.epoch if lens is None else lens.epoch(self.epoch)
-        missed = self._missed(since, epoch)
-        hello = {
-            "type": "hello",
-            "epoch": epoch,
-            "seq": self.seq,
-            "t_ms": self._clock(),
-            "resumed": missed is not None,
-        }
-        frames = self._parts() if missed is None else missed
-        return client, self._first(orjson.dumps(hello).decode(), frames, client)
+        client.begin(self._first(since, client))
+        return client
+
+    def missed(self, since: tuple[str, int] | None) -> list[Frame] | None:
+        """The frames after `since` (epoch, seq), or None when the ring does not reach back so far."""
+        if since is None or since[0] != self.epoch or since[1] > self.seq:
+            return None
+        missed = [frame for frame in self._ring if frame.seq > since[1]]
+        if len(missed) != self.seq - since[1] or sum(len(each.text) for each in missed) > self._client_queue_bytes:
+            return None
+        return missed
+
+    def parts(self) -> list[str]:
+        """The snapshot as of now, as frames of bounded size."""
+        self.tick()
+        return [views.text for views in self._parts()]
+
+    def pad_owner(self, pad_id: str) -> str | None:
+        """Whose pad it is on the ledger, as what is shown has it."""
+        return self.board.pad_owner(pad_id)
+
+    def drone_owner(self, uav_id: str) -> str | None:
+        """Whose drone it is on the ledger, as what is shown has it."""
+        return self.board.drone_owner(uav_id)
 
     def leave(self, client: Client) -> None:
         """A connection has ended."""
@@ -200,14 +296,18 @@ class Hub:
 
     def close_person(self, person: str) -> None:
         """Close all connections of a sign-in that has ended."""
-        for client in [each for each in self._clients if each.person == person]:
-            client.close(SIGNED_OUT)
-            self._clients.discard(client)
+        self.end_person(person, SIGNED_OUT)
 
     def restart_person(self, person: str) -> None:
         """Close all connections of a sign-in that may see something else now; the client comes back at once."""
+        self.end_person(person, GOING_AWAY)
+
+    def end_person(self, person: str, code: int) -> None:
+        """Close its connections here, and have other backends do the same."""
+        if self._own is not None:
+            self._ended[person] = code
         for client in [each for each in self._clients if each.person == person]:
-            client.close(GOING_AWAY)
+            client.close(code)
             self._clients.discard(client)
 
     def people(self) -> set[str]:
@@ -224,35 +324,30 @@ class Hub:
     def __len__(self) -> int:
         return len(self._clients)
 
-    @staticmethod
-    def _first(hello: str, frames: list[str], client: Client) -> Iterator[str | bytes]:
-        yield hello
-        for frame in frames:
-            yield _Views(frame).of(client)
+    def _first(self, since: tuple[str, int] | None, client: Client) -> Iterator[str | bytes]:
+        """The beginning as of now, made into this client's view as it is taken."""
+        lens = client.lens
+        epoch = self.epoch if lens is None else lens.epoch(self.epoch)
+        # Who has seen an epoch through a lens knows it by another name.
+        missed = None if since is None or since[0] != epoch else self.missed((self.epoch, since[1]))
+        resumed = missed is not None
+        hello = {"type": "hello", "epoch": epoch, "seq": self.seq, "t_ms": self._clock(), "resumed": resumed}
+        views = self._parts() if missed is None else [_Views(each.text) for each in missed]
+        return chain([orjson.dumps(hello).decode()], (each.of(client) for each in views))
 
-    def _remember(self, frame: str) -> None:
-        self._ring.append((self.seq, frame))
-        self._ring_bytes += len(frame)
+    def _remember(self, frame: Frame) -> None:
+        self._ring.append(frame)
+        self._ring_bytes += len(frame.text)
         while self._ring and (self._ring_bytes > self._max_ring_bytes or len(self._ring) > MAX_RING_FRAMES):
-            _, oldest = self._ring.popleft()
-            self._ring_bytes -= len(oldest)
+            self._ring_bytes -= len(self._ring.popleft().text)
 
-    def _missed(self, since: tuple[str, int] | None, epoch: str) -> list[str] | None:
-        """The frames after `since`, or None when the ring does not reach back so far."""
-        if since is None or since[0] != epoch or since[1] > self.seq:
-            return None
-        missed = [frame for seq, frame in self._ring if seq > since[1]]
-        if len(missed) != self.seq - since[1] or sum(map(len, missed)) > self._client_queue_bytes:
-            return None
-        return missed
-
-    def _parts(self) -> list[str]:
-        """The snapshot as frames of bounded size; encoded once for all who join at the same `seq`."""
+    def _parts(self) -> list[_Views]:
+        """The snapshot in parts; encoded, and each view of it made, once for all who begin at the same `seq`."""
         if self._snapshot is not None and self._snapshot[0] == self.seq:
             return self._snapshot[1]
         parts: list[dict[str, list[bytes]]] = [{}]
         size = 0
-        for kind, items in self._board.snapshot().items():
+        for kind, items in self.board.snapshot().items():
             for item in items:
                 encoded = orjson.dumps(item)
                 if size and size + len(encoded) > SNAPSHOT_PART_BYTES:
@@ -260,7 +355,7 @@ class Hub:
                     size = 0
                 parts[-1].setdefault(kind, []).append(encoded)
                 size += len(encoded) + 1
-        frames = [self._part(index, len(parts), part) for index, part in enumerate(parts, start=1)]
+        frames = [_Views(self._part(index, len(parts), part)) for index, part in enumerate(parts, start=1)]
         self._snapshot = (self.seq, frames)
         return frames
 
@@ -269,8 +364,8 @@ class Hub:
         for kind, items in part.items():
             content[kind] = [orjson.Fragment(item) for item in items]
         if index == 1:
-            content["status"] = self._board.status()
-            if self._board.has_more_alerts:
+            content["status"] = self.board.status()
+            if self.board.has_more_alerts:
                 content["alerts_more"] = True
         return orjson.dumps(content).decode()
 
@@ -281,8 +376,8 @@ HubDep = Annotated[Hub, part(Hub)]
 class _Views:
     """One frame as different clients get it; each view is made once for all who share it."""
 
-    def __init__(self, frame: str) -> None:
-        self._frame = frame
+    def __init__(self, text: str) -> None:
+        self.text: Final = text
         self._seen: dict[str, str] = {}
         self._packed: dict[str, bytes] = {}
 
@@ -290,7 +385,7 @@ class _Views:
         key = "" if client.lens is None else client.lens.key
         frame = self._seen.get(key)
         if frame is None:
-            frame = self._seen[key] = self._frame if client.lens is None else client.lens.frame(self._frame)
+            frame = self._seen[key] = self.text if client.lens is None else client.lens.frame(self.text)
         if not client.takes_packed or len(frame) < PACKED_FROM:
             return frame
         packed = self._packed.get(key)

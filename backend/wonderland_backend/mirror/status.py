@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from wonderland_backend.context import part
+
+_SHOWN: Final = (
+    "height", "mirrored", "connected", "halted", "halted_since_ms", "problem", "organisations", "alone_since_ms",
+    "rows_checked_ms",
+)  # fmt: skip
 
 
 @dataclass
@@ -35,6 +40,17 @@ class MirrorStatus:
     """Mirrored since the start, for metrics."""
     unread: int = 0
     """Writes since the start that could not be read, for metrics."""
+
+    def show(self, ledger: dict[str, Any], now_ms: int) -> None:
+        """What the backend on duty says of its mirror (`to_json`)."""
+        for name in _SHOWN:
+            setattr(self, name, ledger.get(name))
+        self.rows_differ = tuple(ledger["rows_differ"])
+        self.level_ms = now_ms - ledger["lag_ms"]
+
+    def begin(self, now_ms: int) -> None:
+        """Nothing is known yet of this backend's own mirror."""
+        self.show(MirrorStatus(self.kind, self.notice, self.channel).to_json(now_ms), now_ms)
 
     @property
     def is_level(self) -> bool:

@@ -13,7 +13,7 @@ from wonderland_backend.access import SignedInPerson
 from wonderland_backend.clients.scopes import PROOFS, TRACKS
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import SwitchedOff, documented
-from wonderland_backend.live.board import BoardDep
+from wonderland_backend.live.hub import HubDep
 from wonderland_backend.live.lens import Lens
 from wonderland_backend.outputs.items import Item, items_of
 from wonderland_backend.responses import resource
@@ -46,7 +46,7 @@ Tell = Annotated[
     responses=documented(SwitchedOff, etag=True) | {200: {"content": _CONTENT}},
 )
 async def read_picture(
-    request: Request, context: ContextDep, board: BoardDep, person: SignedInPerson, tell: Tell = None
+    request: Request, context: ContextDep, hub: HubDep, person: SignedInPerson, tell: Tell = None
 ) -> Response:
     """What is known of each drone now: where it says it is, where a pad sees it, what the ledger decided last.
 
@@ -55,8 +55,8 @@ async def read_picture(
     if not context.settings.outputs.live_geojson:
         raise SwitchedOff(SwitchedOff.example)
     kinds = _allowed(getattr(request.state, "scopes", None), tell)
-    text = orjson.dumps({"type": "snapshot", **board.snapshot()}).decode()
-    lens = Lens.of(person, pad_owner=board.pad_owner, drone_owner=board.drone_owner)
+    text = orjson.dumps({"type": "snapshot", **hub.board.snapshot()}).decode()
+    lens = Lens.of(person, pad_owner=hub.pad_owner, drone_owner=hub.drone_owner)
     frame = orjson.loads(text if lens is None else lens.frame(text))
     last = {(item.kind, item.uav_id): item for item in items_of(frame) if item.kind in kinds}
     features = [

@@ -24,12 +24,8 @@ async def items(hub: Hub, gate: Gate) -> AsyncIterator[Item]:
     snapshot, and the gate knows which were told.
     """
     while True:
-        client, first = hub.join("", None)
+        client = hub.join("", None)
         try:
-            for text in first:
-                for item in items_of(orjson.loads(text)):
-                    if gate.lets_through(item):
-                        yield item
             while (frame := await client.next_frame()) is not None:
                 for item in items_of(orjson.loads(frame)):
                     if gate.lets_through(item):

@@ -8,6 +8,7 @@ from typing import Any, Final
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.audit.store import take_turns
 from wonderland_backend.auth.oidc import Identity
@@ -18,7 +19,6 @@ from wonderland_backend.errors import Conflict, SignInRequired
 from wonderland_backend.people import store
 from wonderland_backend.people.schemas import Invitation
 from wonderland_backend.person import Account
-from wonderland_backend.problem_texts import said
 
 SET_UP: Final = "set_up"
 INVITATION: Final = "invitation"

@@ -9,11 +9,11 @@ from typing import Annotated, Any, Final, Literal, Self
 from fastapi import Path
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from wonderland.problems import Said, said
 from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland.proofs.records.transactions import ADMIN, MSP_OF_ROLE
 from wonderland_backend.field_texts import FieldRefused
 from wonderland_backend.person import AUTHORITY, ROLES, Role
-from wonderland_backend.problem_texts import Said, said
 from wonderland_backend.schemas import ApiModel
 
 _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2066-\u2069]")

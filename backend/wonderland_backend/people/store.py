@@ -10,6 +10,7 @@ from sqlalchemy import delete, func, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.audit.store import take_turns
 from wonderland_backend.auth.store.sign_ins import DISPLAY
@@ -17,7 +18,6 @@ from wonderland_backend.db.tables.people import LinkRow, PasskeyRow, PersonRow, 
 from wonderland_backend.errors import Conflict, NotFound
 from wonderland_backend.people.schemas import OF_AN_ORGANISATION, Invitation, PersonChange, misfit
 from wonderland_backend.person import Account, Person, Role, roles_of
-from wonderland_backend.problem_texts import said
 
 INVITED: Final = "invited"
 ACTIVE: Final = "active"

@@ -51,6 +51,27 @@ class ProofRequest(ApiModel):
     outcome: Literal["verified", "refuted", "inconclusive"] | None = None
 
 
+class RequestedProof(ApiModel):
+    """Which drone is to prove itself where, as subscribers are told."""
+
+    request_id: str
+    uav_id: str
+    pad_id: str
+    action: Action
+    note: str
+    created_ms: int
+    expires_ms: int
+
+
+class ProofRequestCreated(ApiModel):
+    """Somebody asks that a drone proves its location. Not of the ledger: there is no transaction."""
+
+    id: str = Field(description="The request’s")
+    type: Literal["proof_request.created"]
+    t_ms: int
+    record: RequestedProof
+
+
 class ProofRequestQuery(PageQuery):
     """What a list of requests is narrowed by."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
+from wonderland.problems import said
 from wonderland_backend import errors
 from wonderland_backend.clients import idempotency
 from wonderland_backend.clients.scopes import RID_DISPLAY, RID_SERVICE, SCOPES, scopes_for
@@ -20,6 +21,7 @@ NETWORK: Final = "network remote id"
 """ASTM F3411: for systems alone."""
 LIMITED: Final = frozenset({"/oauth/token"})
 """Open to all, but not as often as they like."""
+_PROBLEM: Final = "Problem"
 _TAG: Final = '"6f0c2a9b4d1e8f7a3c5b2d9e0f1a4c7b"'
 _HEADERS: Final[Mapping[str, Any]] = {
     "ETag": {"description": "The answer's tag, for `If-None-Match` and `If-Match` (RFC 9110)", "example": _TAG},
@@ -56,6 +58,7 @@ def complete(document: Document) -> None:
     for told in document.get("webhooks", {}).values():
         del told["post"]["responses"]["422"]  # the receiver's business
         _add_examples("", told["post"], components["schemas"])
+    components["responses"] = {_PROBLEM: errors.anywhere()}
     for path, method, operation in operations(document):
         tags = [str(tag) for tag in operation.get("tags", ())]
         _describe_access(path, method, tags, operation)
@@ -67,6 +70,7 @@ def complete(document: Document) -> None:
             errors.add_problem(responses, Unprocessable)
         _describe_headers(operation)
         _add_examples(path, operation, components["schemas"])
+        responses["default"] = {"$ref": f"#/components/responses/{_PROBLEM}"}
 
 
 def operations(document: Document) -> Iterator[tuple[str, str, dict[str, Any]]]:
@@ -91,6 +95,7 @@ def _security_schemes() -> dict[str, Any]:
             "name": "wonderland_<instance>",
             "description": "People: the cookie of a sign-in at the console",
         },
+        "metrics": {"type": "http", "scheme": "bearer", "description": "The metrics token of this server's settings"},
     }
 
 
@@ -105,6 +110,7 @@ def _describe_access(path: str, method: str, tags: list[str], operation: dict[st
         scopes = sorted(frozenset[str]().union(*(scopes_for(method, tag) for tag in tags)))
         operation["security"] = [{"person": []}, *({"client": [scope]} for scope in scopes)]
     else:
+        operation.setdefault("security", [])
         scopes = []
     refusals: list[type[Problem] | Problem] = []
     if scopes:
@@ -181,9 +187,9 @@ def _blamed(operation: Mapping[str, Any]) -> dict[str, str]:
     for parameter in operation.get("parameters", ()):
         schema, where = parameter.get("schema", {}), f"{parameter['in']}.{parameter['name']}"
         if "pattern" in schema:
-            return {"path": where, "message": f"String should match pattern '{schema['pattern']}'"}
+            return {"path": where, "message": str(said("field_pattern", pattern=schema["pattern"]))}
         if "maximum" in schema:
-            return {"path": where, "message": f"Input should be less than or equal to {schema['maximum']}"}
+            return {"path": where, "message": str(said("field_at_most", le=schema["maximum"]))}
     if operation.get("requestBody") is not None:
-        return {"path": "body.nane", "message": "Extra inputs are not permitted"}
-    return {"path": "query.limitt", "message": "Extra inputs are not permitted"}
+        return {"path": "body.nane", "message": str(said("field_unknown"))}
+    return {"path": "query.limitt", "message": str(said("field_unknown"))}

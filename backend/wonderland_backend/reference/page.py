@@ -112,7 +112,8 @@ def _operation(path: str, method: str, operation: Mapping[str, Any], schemas: Ma
     for kind, media in operation.get("requestBody", {}).get("content", {}).items():
         parts.append(f"<h3>Body · {escape(kind)}</h3>{_fields(media.get('schema', {}), schemas)}{_example(media)}")
     parts.append("<h3>Answers</h3>")
-    parts += [_answer(status, response) for status, response in sorted(operation["responses"].items())]
+    answers = sorted((status, told) for status, told in operation["responses"].items() if "$ref" not in told)
+    parts += [_answer(status, told) for status, told in answers]
     return (
         f'<details class="operation" id="{escape(str(operation["operationId"]))}"><summary>'
         f'<span class="method {method}">{method}</span><code>{escape(path)}</code>{mark}'

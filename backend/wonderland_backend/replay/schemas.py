@@ -7,15 +7,15 @@ from typing import Annotated, Literal, Self
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from wonderland.problems import said
 from wonderland.proofs.records.fields import MAX_TIME_MS
 from wonderland_backend.alerts.schemas import Alert
 from wonderland_backend.field_texts import FieldRefused
 from wonderland_backend.ledger.schemas import Status
 from wonderland_backend.pads.schemas import Pad
-from wonderland_backend.problem_texts import said
 from wonderland_backend.replay.film import MAX_STEPS
 from wonderland_backend.schemas import ApiModel
-from wonderland_backend.sessions.schemas import SessionState
+from wonderland_backend.sessions.schemas import SessionSummary
 from wonderland_backend.tracks.schemas import Estimate, Track
 from wonderland_backend.verdicts.schemas import VerdictSummary
 
@@ -30,7 +30,7 @@ class PastState(ApiModel):
     pads: list[Pad]  # type: ignore[valid-type]
     tracks: list[Track]
     estimates: list[Estimate]
-    sessions: list[SessionState]
+    sessions: list[SessionSummary]
     verdicts: list[VerdictSummary] = Field(description="The last 200, oldest first")  # type: ignore[valid-type]
     alerts: list[Alert] = Field(description="Those that were open, oldest first, as they stood")
     status: Status

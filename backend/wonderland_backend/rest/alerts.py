@@ -9,6 +9,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
 from wonderland.messages import Language
+from wonderland.problems import said
 from wonderland_backend.access import SIGNED_IN, SignedInPerson, require
 from wonderland_backend.alerts import store
 from wonderland_backend.alerts.kinds import plain_text
@@ -21,7 +22,6 @@ from wonderland_backend.live.board import BoardDep
 from wonderland_backend.masking import shown_act, shown_alert
 from wonderland_backend.narrowing import OPERATORS_MASKED
 from wonderland_backend.person import AUTHORITY, Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, page, resource
 
 router = APIRouter(tags=["alerts"], dependencies=SIGNED_IN)

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from wonderland.problems import said
 from wonderland.proofs.records.uavs import without_secret
 from wonderland_backend import audit
 from wonderland_backend.access import Administrator, Officer
@@ -21,7 +22,6 @@ from wonderland_backend.db.tables.audit import AuditRow
 from wonderland_backend.drones import queries as drones
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound, documented
 from wonderland_backend.numbers import store as numbers
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, page
 
 router = APIRouter(tags=["audit"])

@@ -8,6 +8,7 @@ from urllib.parse import parse_qsl
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import Said, said
 from wonderland_backend.access import Administrator
 from wonderland_backend.auth import step_up
 from wonderland_backend.auth.step_up import StepUpRequired
@@ -15,10 +16,10 @@ from wonderland_backend.clients import idempotency, store
 from wonderland_backend.clients.machines import MachinesDep
 from wonderland_backend.clients.schemas import (
     AuthorizationServer,
-    Client,
     ClientCreated,
     ClientPage,
-    NewClient,
+    ClientRegistration,
+    RegisteredClient,
     TokenAnswer,
     TokenError,
     TokenKeys,
@@ -30,7 +31,6 @@ from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import BadRequest, Forbidden, NotFound, Unprocessable, documented
 from wonderland_backend.filters import Paging
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import Said, said
 from wonderland_backend.proved import Fresh
 from wonderland_backend.responses import Json, page, resource
 
@@ -152,7 +152,7 @@ async def add_client(
     request: Request,
     context: ContextDep,
     clients: ClientsDep,
-    body: NewClient,
+    body: ClientRegistration,
     person: Administrator,
     _proved: Fresh,
 ) -> Response:
@@ -160,7 +160,7 @@ async def add_client(
     return await idempotency.once(request, person, lambda: _add(context, clients, body, person))
 
 
-async def _add(context: Context, clients: Clients, body: NewClient, person: Person) -> Response:
+async def _add(context: Context, clients: Clients, body: ClientRegistration, person: Person) -> Response:
     try:
         tls = None if body.certificate is None else body.certificate.known_by()
         wanted = store.NewClient(body.name, tuple(body.scopes), body.role, body.msp_id, body.jwks, tls)
@@ -174,7 +174,9 @@ async def _add(context: Context, clients: Clients, body: NewClient, person: Pers
     return Json(content, 201, NO_STORE | {"Location": f"/api/v1/clients/{row.client_id}"})
 
 
-@router.get("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, _NOT_FOUND, etag=True))
+@router.get(
+    "/clients/{client_id}", response_model=RegisteredClient, responses=documented(Forbidden, _NOT_FOUND, etag=True)
+)
 async def read_client(request: Request, clients: ClientsDep, client_id: ClientId, _person: Administrator) -> Response:
     """A machine."""
     row = await clients.find_client(client_id)
@@ -183,7 +185,7 @@ async def read_client(request: Request, clients: ClientsDep, client_id: ClientId
     return resource(request, store.client_json(row))
 
 
-@router.delete("/clients/{client_id}", response_model=Client, responses=documented(Forbidden, _NOT_FOUND))
+@router.delete("/clients/{client_id}", response_model=RegisteredClient, responses=documented(Forbidden, _NOT_FOUND))
 async def revoke_client(
     context: ContextDep, clients: ClientsDep, client_id: ClientId, person: Administrator
 ) -> Response:

@@ -7,6 +7,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland_backend import geojson
 from wonderland_backend.access import SIGNED_IN, SignedInPerson
@@ -16,7 +17,6 @@ from wonderland_backend.drones.schemas import Drone, DronePage
 from wonderland_backend.errors import BadRequest, NotFound, documented
 from wonderland_backend.filters import DroneFilters
 from wonderland_backend.narrowing import OPERATORS_MASKED
-from wonderland_backend.problem_texts import said
 
 router = APIRouter(tags=["drones"], dependencies=SIGNED_IN)
 _NOT_FOUND: Final = NotFound(said("no_such_drone", uav_id="OH-DRN-0417"))

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response, StreamingResponse
 
+from wonderland.problems import said
 from wonderland_backend.access import SIGNED_IN, SignedInPerson, require
 from wonderland_backend.clients import idempotency
 from wonderland_backend.clients.machines import METHOD, MachinesDep
@@ -27,7 +28,6 @@ from wonderland_backend.errors import (
 from wonderland_backend.exports import service
 from wonderland_backend.exports.schemas import Export, ExportQuery
 from wonderland_backend.mirror.status import MirrorStatusDep
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 
 router = APIRouter(prefix="/exports", tags=["exports"], dependencies=SIGNED_IN)
@@ -63,7 +63,8 @@ async def prepare_export(
 
     async def write() -> Response:
         row = await service.prepare(context, person, query)
-        return Json(_shown(row), status_code=201, headers=NO_STORE)
+        shown = _shown(row)
+        return Json(shown, 201, NO_STORE | {"Location": f"/api/v1/exports/{shown['export_id']}"})
 
     return await idempotency.once(request, person, write)
 

@@ -9,6 +9,7 @@ import orjson
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland_backend import geojson
 from wonderland_backend.access import SignedInPerson
 from wonderland_backend.context import ContextDep
@@ -18,7 +19,6 @@ from wonderland_backend.flights import store
 from wonderland_backend.flights.grouping import GAP_MS
 from wonderland_backend.flights.schemas import Flight, FlightFilters, FlightPage
 from wonderland_backend.narrowing import OPERATORS_MASKED
-from wonderland_backend.problem_texts import said
 
 router = APIRouter(tags=["flights"])
 _NOT_FOUND: Final = NotFound(said("no_such_flight"))

@@ -8,6 +8,7 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.access import SIGNED_IN, Officer, SignedInPerson, person_of
 from wonderland_backend.context import ContextDep
@@ -22,11 +23,10 @@ from wonderland_backend.ledger.schemas import (
     Status,
     TransactionContents,
 )
-from wonderland_backend.live.board import BoardDep
+from wonderland_backend.live.hub import HubDep
 from wonderland_backend.masking import shown_json
 from wonderland_backend.metrics import CONTENT_TYPE, MetricsDep
 from wonderland_backend.mirror.source import BlockSourceDep
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, page, resource
 
 router = APIRouter(tags=["ledger"], dependencies=SIGNED_IN)
@@ -45,6 +45,7 @@ async def read_health() -> Response:
     response_class=Response,
     responses=documented()
     | {200: {"content": {"text/plain": {"schema": {"type": "string"}, "example": "wonderland_mirror_block 1042\n"}}}},
+    openapi_extra={"security": [{"person": []}, {"metrics": []}]},
 )
 async def read_metrics(request: Request, context: ContextDep, metrics: MetricsDep) -> Response:
     """Metrics in Prometheus's text format, for whoever is signed in or bears the metrics token."""
@@ -56,9 +57,9 @@ async def read_metrics(request: Request, context: ContextDep, metrics: MetricsDe
 
 
 @router.get("/status", response_model=Status, responses=documented())
-async def read_status(context: ContextDep, board: BoardDep, person: SignedInPerson) -> Response:
+async def read_status(context: ContextDep, hub: HubDep, person: SignedInPerson) -> Response:
     """Which ledger this is, how far its mirror has come, how much there is, and which outputs are on."""
-    status = board.status()
+    status = hub.board.status()
     status["server"] = status["server"] | {"outputs": context.settings.outputs.switches()}
     if not person.scope.everything:
         del status["counts"]

@@ -8,6 +8,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland_backend.access import SIGNED_IN
 from wonderland_backend.errors import NotFound, documented
 from wonderland_backend.maps.archive import Archive, ArchiveError, ReplacedError
@@ -15,7 +16,6 @@ from wonderland_backend.maps.imagery import ImageryError
 from wonderland_backend.maps.ranges import RangeError, parse
 from wonderland_backend.maps.schemas import BaseMap
 from wonderland_backend.maps.service import MapsDep
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import resource
 
 router = APIRouter(prefix="/map", tags=["map"], dependencies=SIGNED_IN)

@@ -7,6 +7,7 @@ from typing import Final
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.access import SignedInPerson
 from wonderland_backend.auth import passkeys, step_up
@@ -25,7 +26,6 @@ from wonderland_backend.people.schemas import (
     SignInIdPath,
 )
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.proved import ForNewPasskey, Fresh
 from wonderland_backend.responses import Json
 

@@ -12,6 +12,7 @@ from fastapi.responses import RedirectResponse, Response
 from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.auth.limits import address_of, counted
 from wonderland_backend.auth.oidc import Identity, OidcError, Provider
@@ -25,7 +26,6 @@ from wonderland_backend.people import store
 from wonderland_backend.people.accept import KINDS, Acceptance, accept, activate, link_identity, open_link
 from wonderland_backend.people.schemas import Name
 from wonderland_backend.person import Account, Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.rest.sign_in import set_cookie
 from wonderland_backend.schemas import ApiModel

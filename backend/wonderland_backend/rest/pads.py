@@ -7,19 +7,19 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland_backend import geojson
 from wonderland_backend.access import SIGNED_IN, SignedInPerson
-from wonderland_backend.agents.connected import AgentsDep
 from wonderland_backend.areas import Box
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, NotFound, documented
 from wonderland_backend.filters import PadFilters
+from wonderland_backend.live.hub import HubDep
 from wonderland_backend.narrowing import pads_within
 from wonderland_backend.pads import queries
 from wonderland_backend.pads.queue import read_queue
 from wonderland_backend.pads.schemas import Pad, PadPage, PadQueue
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 
 router = APIRouter(tags=["pads"], dependencies=SIGNED_IN)
@@ -29,7 +29,7 @@ PadIdPath = Annotated[str, Path(pattern=f"^{ID_PATTERN}$", max_length=64)]
 
 @router.get("/pads", response_model=PadPage, responses=documented(BadRequest) | geojson.documented(PadPage))
 async def list_pads(
-    request: Request, context: ContextDep, agents: AgentsDep, person: SignedInPerson, filters: PadFilters
+    request: Request, context: ContextDep, hub: HubDep, person: SignedInPerson, filters: PadFilters
 ) -> Response:
     """Pads by identifier."""
     after = filters.after_key(str)
@@ -40,7 +40,7 @@ async def list_pads(
         )
         health = await queries.health_of(database, [row.pad_id for row in rows])
     items = (
-        (row, queries.pad_json(row.record, health.get(row.pad_id), connected=agents.is_connected(row.pad_id)))
+        (row, queries.pad_json(row.record, health.get(row.pad_id), connected=hub.board.is_connected(row.pad_id)))
         for row in rows
     )
     return geojson.page(request, items, filters.limit, cursor_of=lambda row: (row.pad_id,), id_of=_id)
@@ -50,7 +50,7 @@ async def list_pads(
 async def read_pad(
     request: Request,
     context: ContextDep,
-    agents: AgentsDep,
+    hub: HubDep,
     person: SignedInPerson,
     pad_id: PadIdPath,
 ) -> Response:
@@ -60,7 +60,7 @@ async def read_pad(
         if row is None:
             raise NotFound(said("no_such_pad", pad_id=pad_id))
         health = await queries.health_of(database, [pad_id])
-    connected = agents.is_connected(pad_id)
+    connected = hub.board.is_connected(pad_id)
     return geojson.one(request, queries.pad_json(row.record, health.get(pad_id), connected=connected), id_of=_id)
 
 

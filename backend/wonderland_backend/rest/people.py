@@ -7,6 +7,7 @@ from typing import Final
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.access import Administrator
 from wonderland_backend.agents.members import Members, MembersDep
@@ -30,7 +31,6 @@ from wonderland_backend.people.schemas import (
     SignInIdPath,
 )
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.proved import Fresh
 from wonderland_backend.responses import Json, etag_of, require_match, resource
 from wonderland_backend.rest.me import detail_of

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 from sqlalchemy.ext.asyncio import AsyncSession
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.access import SignedInPerson, require
 from wonderland_backend.agents.connected import Agents, AgentsDep
@@ -18,7 +19,6 @@ from wonderland_backend.drones import queries as drones
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound, Unprocessable, documented
 from wonderland_backend.pads import queries as pads
 from wonderland_backend.person import ALL, Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.proof_requests import route, store
 from wonderland_backend.proof_requests.schemas import (
     NewProofRequest,

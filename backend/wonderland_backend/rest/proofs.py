@@ -7,6 +7,7 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland_backend import geojson
 from wonderland_backend.access import SignedInPerson
 from wonderland_backend.context import ContextDep
@@ -15,7 +16,6 @@ from wonderland_backend.languages import HEADER, language_of
 from wonderland_backend.ledger.contents import require_committed
 from wonderland_backend.mirror.source import BlockSourceDep
 from wonderland_backend.narrowing import OPERATORS_MASKED
-from wonderland_backend.problem_texts import said
 from wonderland_backend.proofs import queries
 from wonderland_backend.proofs.schemas import Proof, ProofFilters, ProofPage
 from wonderland_backend.statements import signed

@@ -8,14 +8,14 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland.proofs.records.fields import ID_PATTERN
+from wonderland.registry import lists
 from wonderland_backend.access import SIGNED_IN, Officer, SignedInPerson
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, Forbidden, NotFound, documented
 from wonderland_backend.languages import language_of
 from wonderland_backend.numbers.store import numbers_of
-from wonderland_backend.problem_texts import said
-from wonderland_backend.registry import imports
 from wonderland_backend.registry.queries import changes, organisations
 from wonderland_backend.registry.queries import records as queries
 from wonderland_backend.registry.reach import reach
@@ -167,11 +167,14 @@ async def check_import(
     request: Request, context: ContextDep, kind: Literal["drones", "authorisations", "pads"], _person: Signer
 ) -> Response:
     """A dry run of a CSV file: every error by line and column, and the arguments of what can be signed."""
-    found = await asyncio.to_thread(imports.check, imports.KINDS[kind], await request.body())
+    try:
+        found = await asyncio.to_thread(lists.check, lists.KINDS[kind], await request.body())
+    except lists.ListError as error:
+        raise BadRequest(error.said) from error
     async with context.database.read() as database:
         there = await queries.known(database, kind, [row["id"] for row in found.rows])
     content = {
-        "function": imports.KINDS[kind].function,
+        "function": lists.KINDS[kind].function,
         "encoding": found.encoding,
         "delimiter": found.delimiter,
         "rows": [row | {"exists": row["id"] in there} for row in found.rows],

@@ -7,11 +7,11 @@ from typing import Final
 from fastapi import APIRouter
 from fastapi.responses import Response, StreamingResponse
 
+from wonderland.problems import said
 from wonderland_backend.access import SIGNED_IN, SignedInPerson
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import NotFound, documented
 from wonderland_backend.mirror.status import MirrorStatusDep
-from wonderland_backend.problem_texts import said
 from wonderland_backend.replay import film
 from wonderland_backend.replay.queries import marks
 from wonderland_backend.replay.queries.session import session_at

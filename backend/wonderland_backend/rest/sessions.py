@@ -9,6 +9,7 @@ import orjson
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland.proofs.records.sessions import Evidence, Session
 from wonderland.proofs.records.verdicts import Verdict
 from wonderland_backend import audit
@@ -19,7 +20,6 @@ from wonderland_backend.filters import SessionFilters
 from wonderland_backend.ledger.access import MaybeLedgerDep
 from wonderland_backend.ledger.queries import with_events
 from wonderland_backend.narrowing import OPERATORS_MASKED
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import page, record, resource
 from wonderland_backend.sessions import queries
 from wonderland_backend.sessions.course import course_of

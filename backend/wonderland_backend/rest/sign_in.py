@@ -5,7 +5,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import Response
 
-from wonderland_backend.access import SignedInPerson
+from wonderland_backend.access import BY_COOKIE, SignedInPerson
 from wonderland_backend.auth.limits import counted, failures_audited
 from wonderland_backend.auth.schemas import SignedIn, SignIn
 from wonderland_backend.auth.store.sign_ins import SignInsDep
@@ -30,20 +30,20 @@ async def sign_in(request: Request, context: ContextDep, sign_ins: SignInsDep, b
     return signed_in(context, cookie, person)
 
 
-@router.get("/session", response_model=SignedIn, responses=documented())
+@router.get("/session", response_model=SignedIn, responses=documented(), openapi_extra=BY_COOKIE)
 async def who_am_i(context: ContextDep, person: SignedInPerson) -> Response:
     """Who is signed in, and until when."""
     return Json(_described(context, person), headers=NO_STORE)
 
 
-@router.post("/session/use", status_code=204, responses=documented())
-async def use(sign_ins: SignInsDep, person: SignedInPerson) -> Response:
+@router.post("/session/use", status_code=204, responses=documented(), openapi_extra=BY_COOKIE)
+async def use_sign_in(sign_ins: SignInsDep, person: SignedInPerson) -> Response:
     """Somebody is at the keys. Only this keeps a sign-in from ending unused; requests and open connections do not."""
     await sign_ins.use(person)
     return Response(status_code=204)
 
 
-@router.delete("/session", status_code=204, responses=documented())
+@router.delete("/session", status_code=204, responses=documented(), openapi_extra=BY_COOKIE)
 async def sign_out(context: ContextDep, hub: HubDep, sign_ins: SignInsDep, person: SignedInPerson) -> Response:
     """End the sign-in; open live connections of it are closed, too."""
     await sign_ins.end(person)

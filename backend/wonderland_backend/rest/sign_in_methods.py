@@ -8,6 +8,7 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.auth import passkeys
 from wonderland_backend.auth.limits import counted, failures_audited
@@ -22,7 +23,6 @@ from wonderland_backend.people import store
 from wonderland_backend.people.accept import KINDS, Acceptance, accept, open_link
 from wonderland_backend.people.schemas import Ceremony, Challenge, Credential, Name
 from wonderland_backend.person import Role
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.rest.sign_in import signed_in
 from wonderland_backend.schemas import ApiModel

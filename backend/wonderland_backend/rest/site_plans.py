@@ -8,6 +8,7 @@ from typing import Annotated, Final
 from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland.site_plans import MAX_BYTES, SitePlanError, parse
 from wonderland_backend.access import SIGNED_IN, SignedInPerson, require
@@ -15,7 +16,6 @@ from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import Conflict, Forbidden, NotFound, Unprocessable, documented
 from wonderland_backend.geojson import MEDIA_TYPE
 from wonderland_backend.pads import queries
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.site_plans import store
 from wonderland_backend.site_plans.schemas import CONTENT, StoredSitePlan

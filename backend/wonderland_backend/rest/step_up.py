@@ -8,7 +8,8 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from wonderland_backend.access import SignedInPerson
+from wonderland.problems import said
+from wonderland_backend.access import BY_COOKIE, SignedInPerson
 from wonderland_backend.auth import step_up
 from wonderland_backend.auth.limits import counted
 from wonderland_backend.auth.step_up import NoPasskey, StepUpRequired
@@ -16,7 +17,6 @@ from wonderland_backend.auth.store.ceremonies import CeremonyOver
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import TooManyRequests, documented
 from wonderland_backend.people.schemas import Ceremony, Challenge, Credential
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.schemas import ApiModel
 
@@ -55,6 +55,7 @@ class StepUpGranted(ApiModel):
     response_model=Challenge,
     dependencies=_COUNTED,
     responses=documented(NoPasskey, TooManyRequests),
+    openapi_extra=BY_COOKIE,
 )
 async def ask_step_up(context: ContextDep, body: StepUpQuestion, person: SignedInPerson) -> Response:
     """What the browser's authenticator has to sign, so that this one request may be made."""
@@ -69,6 +70,7 @@ async def ask_step_up(context: ContextDep, body: StepUpQuestion, person: SignedI
     response_model=StepUpGranted,
     dependencies=_COUNTED,
     responses=documented(CeremonyOver, StepUpRequired(said("step_up_of_other")), TooManyRequests),
+    openapi_extra=BY_COOKIE,
 )
 async def step_up_by_passkey(
     request: Request, context: ContextDep, body: StepUpAnswer, person: SignedInPerson

@@ -9,6 +9,7 @@ from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.responses import Response
 
 from wonderland.messages import Language
+from wonderland.problems import said
 from wonderland_backend.access import allowed
 from wonderland_backend.agents.members import MembersDep
 from wonderland_backend.auth import step_up
@@ -18,7 +19,6 @@ from wonderland_backend.errors import BadRequest, Conflict, Forbidden, LedgerAwa
 from wonderland_backend.languages import LanguageDep
 from wonderland_backend.ledger.access import LedgerDep
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.transactions import enrolment, keys, store
 from wonderland_backend.transactions.enrolment import DemoRegistrarDep

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Header, Path, Request
+from fastapi import APIRouter, Path, Request
 from fastapi.responses import Response
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.access import SignedInPerson, require
 from wonderland_backend.auth import step_up
 from wonderland_backend.auth.step_up import StepUpRequired
 from wonderland_backend.clients import idempotency
-from wonderland_backend.clients.machines import METHOD
+from wonderland_backend.clients.machines import METHOD, MachinesDep
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.db.tables.webhooks import SubscriptionRow
 from wonderland_backend.errors import (
@@ -23,18 +24,17 @@ from wonderland_backend.errors import (
     NotFound,
     PreconditionFailed,
     SwitchedOff,
+    TooManyRequests,
     Unprocessable,
     documented,
 )
 from wonderland_backend.events import queries as feed
 from wonderland_backend.events.queries import Place
-from wonderland_backend.events.schemas import LedgerEvent
 from wonderland_backend.filters import Paging
 from wonderland_backend.http.targets import TargetRefused
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, etag_of, page, require_match, resource
-from wonderland_backend.webhooks import signing, store
+from wonderland_backend.webhooks import signing, store, trying
 from wonderland_backend.webhooks.post import PosterDep
 from wonderland_backend.webhooks.schemas import (
     ChangedSubscription,
@@ -45,12 +45,14 @@ from wonderland_backend.webhooks.schemas import (
     SubscriptionCreated,
     SubscriptionPage,
     WebhookDelivery,
+    WebhookTest,
 )
 from wonderland_backend.webhooks.sealing import Sealing, SealingDep
 
 router = APIRouter(tags=["subscriptions"])
 _NOT_FOUND: Final = NotFound(said("no_such_subscription"))
 MAX_EACH: Final = 20
+TESTS_PER_MIN: Final = 6
 SubscriptionIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 DeliveryIdPath = Annotated[str, Path(pattern="^[0-9a-f]{32}$")]
 NO_STORE: Final = {"Cache-Control": "private, no-store"}
@@ -261,22 +263,36 @@ async def redeliver(
     return await idempotency.once(request, person, write)
 
 
-def describe(to: APIRouter) -> None:
-    """What a receiver is sent, for the description; nothing is served there."""
+@router.post(
+    "/subscriptions/{subscription_id}/test",
+    response_model=WebhookTest,
+    responses=documented(Forbidden, _NOT_FOUND, TooManyRequests),
+)
+async def try_webhook(
+    context: ContextDep,
+    poster: PosterDep,
+    sealing: SealingDep,
+    machines: MachinesDep,
+    subscription_id: SubscriptionIdPath,
+    person: SignedInPerson,
+) -> Response:
+    """Send a signed event of type `webhook.test` now, also while it is paused, and see what comes back.
 
-    @to.post("event", operation_id="receive_event", status_code=204, openapi_extra={"security": []})
-    async def receive_event(
-        body: LedgerEvent,
-        webhook_id: Annotated[str, Header(description="The same when it is sent again: do nothing a second time")],
-        webhook_timestamp: Annotated[int, Header(description="Seconds; refuse one more than five minutes off")],
-        webhook_signature: Annotated[
-            str, Header(description="`v1,` and base64 of HMAC-SHA256 over `id.timestamp.body`, by the secret")
-        ],
-    ) -> None:
-        """Something was committed to the ledger. Answer 2xx within ten seconds; else it is sent again for three days.
-
-        Signed as the Standard Webhooks specification says (https://www.standardwebhooks.com).
-        """
+    Six times a minute at most. The receiver’s answer is told by its status, not by its content.
+    """
+    async with context.database.read() as database:
+        row = await _theirs(database, subscription_id, person)
+    allowance = machines.limits.count(f"webhook tests of {person.person_id}", TESTS_PER_MIN)
+    if allowance.exceeded:
+        wait_s = allowance.reset_s
+        detail = said("too_many_requests", quota=TESTS_PER_MIN, wait_s=wait_s)
+        raise TooManyRequests(detail, headers={"Retry-After": str(wait_s)})
+    found = await trying.try_out(context, poster, sealing, row)
+    async with context.database.write() as connection:
+        subject = f"subscription/{subscription_id}"
+        outcome: dict[str, Any] = {name: found[name] for name in ("arrived", "status") if name in found}
+        await audit.record(connection, person, "test_subscription", subject, outcome, t_ms=context.clock())
+    return Json(found, headers=NO_STORE)
 
 
 async def _to_change(request: Request, connection: AsyncConnection, subscription_id: str, person: Person) -> None:

@@ -8,6 +8,7 @@ import orjson
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland.proofs.records.closures import ZONE_ID_PATTERN
 from wonderland.proofs.records.fields import ID_PATTERN
 from wonderland_backend import errors, geojson
@@ -18,7 +19,6 @@ from wonderland_backend.db.tables.zones import ZoneSetRow
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound, TooManyRequests, Unprocessable
 from wonderland_backend.filters import Paging
 from wonderland_backend.languages import HEADER, language_of
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json, page, resource
 from wonderland_backend.zones import awareness, importing, pads, queries, store
 from wonderland_backend.zones.heights import Band

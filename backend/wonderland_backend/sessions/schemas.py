@@ -25,7 +25,7 @@ class Step(ApiModel):
     source: Literal["ledger", "pad", "uav"]
 
 
-class SessionState(ApiModel):
+class SessionSummary(ApiModel):
     """A session as lists and the live map show it."""
 
     session_id: str
@@ -62,7 +62,7 @@ class ReportedEnd(ApiModel):
 class SessionDetail(ApiModel):
     """All that is known of a session."""
 
-    summary: SessionState
+    summary: SessionSummary
     session: model_of(sessions.Session)  # type: ignore[valid-type]
     verdict: VerdictSummary | None = None  # type: ignore[valid-type]
     evidence: model_of(sessions.Evidence) | None = Field(  # type: ignore[valid-type]
@@ -116,4 +116,4 @@ class Course(ApiModel):
     residuals: list[AnchorResiduals] = Field(description="By anchor; empty where the pad's survey is not known")
 
 
-SessionPage = page_of("SessionPage", SessionState)
+SessionPage = page_of("SessionPage", SessionSummary)

@@ -91,7 +91,7 @@ class SessionView:
                 return
 
     def to_json(self) -> dict[str, Any]:
-        """The SessionState of the REST and live interfaces."""
+        """The SessionSummary of the REST and live interfaces."""
         columns = ((name, getattr(self.outline, name)) for name in OUTLINE)
         shown = {name: value for name, value in columns if value is not None}
         shown["request_tx"] = self.outline.session_id

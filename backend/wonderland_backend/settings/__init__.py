@@ -17,6 +17,7 @@ from wonderland_backend.errors import SettingsError
 from wonderland_backend.field_texts import field_text
 from wonderland_backend.settings.agents import AgentSettings
 from wonderland_backend.settings.audit import AuditStreamSettings
+from wonderland_backend.settings.bus import BusSettings
 from wonderland_backend.settings.maps import MapSettings
 from wonderland_backend.settings.oidc import OidcSettings
 from wonderland_backend.settings.outputs import OutputSettings
@@ -95,6 +96,9 @@ class Settings(BaseSettings):
     max_body_bytes: int = Field(default=64 * 1024, ge=1024, description="Largest body of a request")
     max_zone_file_bytes: int = Field(default=32 << 20, ge=1024, description="Largest file of zones")
     agents: AgentSettings = Field(default=AgentSettings(), description="Where agents sign in; see docs/operate/edge.md")
+    bus: BusSettings | None = Field(
+        default=None, description="A bus of Zenoh for agents (docs/operate/bus.md) and among backends (standby.md)"
+    )
     ingest_max_bytes: int = Field(default=256 * 1024, ge=1024, description="Largest frame of an agent")
     ingest_max_records: int = Field(default=1_000, ge=1, description="Most records in one frame of an agent")
     ingest_max_agents: int = Field(default=5_000, ge=1, description="Most agents connected at a time")

@@ -8,9 +8,9 @@ from typing import Final
 from sqlalchemy import func, insert, select
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncSession
 
+from wonderland.problems import SaidError, said
 from wonderland.site_plans import parse
 from wonderland_backend.db.tables.site_plans import SitePlanRow
-from wonderland_backend.problem_texts import SaidError, said
 
 MOST_PLANS: Final = 100
 """Of one pad. Whoever needs more changes a plan every day; what the ledger names is never thrown away."""

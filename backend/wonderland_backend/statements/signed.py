@@ -10,9 +10,9 @@ import orjson
 from fastapi import Depends, Request
 from fastapi.responses import Response
 
+from wonderland.problems import said
 from wonderland_backend.context import maybe
 from wonderland_backend.errors import NotAcceptable
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import prefers
 from wonderland_evidence.statements import MEDIA_TYPE, compose
 from wonderland_fabric_gateway.identity import Identity

@@ -7,9 +7,9 @@ from typing import Annotated, Final, Literal, Self
 from fastapi import Query
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from wonderland.problems import said
 from wonderland.proofs.records.fields import ID_PATTERN, MAX_TIME_MS
 from wonderland_backend.field_texts import FieldRefused
-from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel
 
 _ID = f"^{ID_PATTERN}$"

@@ -6,10 +6,10 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Annotated
 
+from wonderland.problems import said
 from wonderland_backend.context import maybe
 from wonderland_backend.errors import BadRequest, Forbidden, LedgerAway
 from wonderland_backend.ledger.access import LedgerAccess
-from wonderland_backend.problem_texts import said
 from wonderland_backend.transactions.functions import SIGNING_ROLES
 from wonderland_fabric_gateway.ca import CertificateRequest
 from wonderland_fabric_gateway.ca.client import FabricCaUnreachableError

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from wonderland.problems import said
 from wonderland.proofs import encoding
 from wonderland_backend import audit
 from wonderland_backend.agents.members import Members
@@ -16,7 +17,6 @@ from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.signing import SigningKeyRow
 from wonderland_backend.errors import BadRequest, Conflict, Forbidden, NotFound
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.transactions import store
 from wonderland_backend.transactions.functions import SIGNING_ROLES
 from wonderland_fabric_gateway.embedded.errors import AccessDeniedError

@@ -6,7 +6,7 @@ import re
 from typing import Any, Final
 
 from wonderland.messages import Language
-from wonderland_backend.problem_texts import Said, said
+from wonderland.problems import Said, said
 from wonderland_fabric_gateway.gateway import CommitStatus, EndorseError, GatewayError
 from wonderland_fabric_gateway.transactions import ValidationCode
 

@@ -16,6 +16,7 @@ import orjson
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from wonderland.problems import said
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError, RecordError
 from wonderland.proofs.records.schema import Record
@@ -30,7 +31,6 @@ from wonderland_backend.ledger.access import LedgerAccess, LedgerDep
 from wonderland_backend.ledger.queries import transaction as transaction_of
 from wonderland_backend.numbers import store as numbers
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.transactions import problems, store
 from wonderland_backend.transactions.functions import CHANGES, Change
 from wonderland_backend.transactions.schemas import Propose

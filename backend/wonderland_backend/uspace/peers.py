@@ -14,10 +14,10 @@ from urllib.parse import urlsplit
 
 import httpx
 
+from wonderland.problems import said
 from wonderland_backend.errors import Problem
 from wonderland_backend.http.targets import Destinations, TargetRefused, resolved
 from wonderland_backend.http.transfer import TransferError, ask
-from wonderland_backend.problem_texts import said
 from wonderland_backend.uspace.token_client import TokenClient
 
 

@@ -76,6 +76,45 @@ class SubscriptionCreated(ApiModel):
     secret: str = Field(description="As in the Standard Webhooks specification: whsec_ and base64")
 
 
+class TriedWebhook(ApiModel):
+    """Which webhook is tried."""
+
+    subscription_id: str
+
+
+class WebhookTestEvent(ApiModel):
+    """Nothing has happened: somebody tries a webhook. Answer it as all others, and do nothing else."""
+
+    id: str = Field(description="Of this test alone")
+    type: Literal["webhook.test"]
+    t_ms: int
+    record: TriedWebhook
+
+
+class WebhookHeaders(ApiModel):
+    """The headers of the Standard Webhooks specification."""
+
+    model_config = ConfigDict(validate_by_name=True)
+
+    webhook_id: str = Field(alias="webhook-id")
+    webhook_timestamp: str = Field(alias="webhook-timestamp", examples=["1800000000"])
+    webhook_signature: str = Field(
+        alias="webhook-signature", examples=["v1,K5oZfzN95Z9UVu1EsfQmfVNQhnkZ2pj9o9NDN/H/pI4="]
+    )
+
+
+class WebhookTest(ApiModel):
+    """What was sent to try a webhook, and what came back. It is not tried again, and no delivery."""
+
+    arrived: bool = Field(description="The receiver answered 2xx")
+    status: int | None = Field(default=None, description="What it answered, if it did")
+    problem: str | None = Field(default=None, description="Why it did not arrive")
+    took_ms: int
+    url: str
+    headers: WebhookHeaders | None = Field(default=None, description="None where its secret cannot be read")
+    body: str = Field(description="The very bytes that were signed, as text: a WebhookTestEvent")
+
+
 class WebhookDelivery(ApiModel):
     """A message to a subscriber."""
 

@@ -10,8 +10,8 @@ from typing import Any, Final
 import shapely
 from shapely.affinity import scale
 
+from wonderland.problems import said
 from wonderland_backend.errors import BadRequest
-from wonderland_backend.problem_texts import said
 from wonderland_backend.zones.applicability import Span, spans
 from wonderland_backend.zones.files.findings import Findings
 from wonderland_backend.zones.files.node import Node

@@ -10,9 +10,9 @@ from typing import Any, Final
 import shapely
 from shapely.affinity import affine_transform
 
+from wonderland.problems import SaidError, said
 from wonderland.proofs.records.closures import MAX_CLOSURES, Closure
 from wonderland.proofs.records.fields import ACTIONS
-from wonderland_backend.problem_texts import SaidError, said
 from wonderland_backend.zones.applicability import DAY_MS, Span, Validity, merged, spans
 from wonderland_backend.zones.heights import Band, Reaches, reaches
 from wonderland_backend.zones.zone import Zone

@@ -10,11 +10,11 @@ import orjson
 from fastapi import Request
 from sqlalchemy.exc import IntegrityError
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.context import Context
 from wonderland_backend.errors import BadRequest, Conflict, TooManyRequests, Unprocessable
 from wonderland_backend.person import Person
-from wonderland_backend.problem_texts import said
 from wonderland_backend.zones import store
 from wonderland_backend.zones.files.findings import Finding
 from wonderland_backend.zones.files.reading import ZoneFile, read, zone_id_of

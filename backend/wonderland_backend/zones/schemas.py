@@ -6,12 +6,12 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from wonderland.problems import said
 from wonderland.proofs.records.closures import Closure
 from wonderland.proofs.records.fields import MAX_TIME_MS
 from wonderland_backend.areas import DESCRIPTION, PATTERN
 from wonderland_backend.field_texts import FieldRefused
 from wonderland_backend.filters import PageQuery
-from wonderland_backend.problem_texts import said
 from wonderland_backend.schemas import ApiModel, model_of, page_of
 from wonderland_backend.zones.applicability import DAY_MS
 from wonderland_backend.zones.files.common import TYPES

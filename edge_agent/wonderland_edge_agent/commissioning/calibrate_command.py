@@ -16,6 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from wonderland.clock import SteadyClock
+from wonderland.consoles import for_people
 from wonderland.proof_contract import AwayError, Committed, ProofContract, RefusedError
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.calibrations import MAX_SESSIONS, RangedAt
@@ -138,7 +139,7 @@ def calibrate_uav(*, path: Path, as_json: bool, **options: Any) -> None:
         raise click.ClickException(text) from error
     try:
         settings = load(path)
-        found = asyncio.run(_calibrate(settings, Console(stderr=as_json, highlight=False), **options))
+        found = asyncio.run(_calibrate(settings, for_people(stderr=as_json), **options))
     except (SettingsError, CommissioningError, LedgerError) as error:
         raise click.ClickException(str(error)) from error
     if as_json:

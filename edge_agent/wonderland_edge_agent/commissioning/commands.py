@@ -12,7 +12,7 @@ import click
 _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
-def _shift(_: click.Context, __: click.Parameter, value: str | None) -> float | str | None:
+def shift_of(_: click.Context, __: click.Parameter, value: str | None) -> float | str | None:
     """Seconds, ``auto``, or None where it was not given."""
     if value is None or value == "auto":
         return value
@@ -59,7 +59,7 @@ def _metres(name: str, default: float, least: float, most: float, text: str) -> 
     help="The truth, where it is not in the recording: a file; live, positions that come to udp:HOST:PORT, a rigid "
     "body of Motive (natnet:HOST[#BODY]), or a PoseStamped (ros2:/TOPIC).",
 )
-@click.option("--truth-shift", callback=_shift, metavar="S|auto", help="The truth of t is at t + S. Live: auto.")
+@click.option("--truth-shift", callback=shift_of, metavar="S|auto", help="The truth of t is at t + S. Live: auto.")
 @_metres("--truth-raise", 0.0, -1_000.0, 1_000.0, "Metres to add to the truth's height.")
 @_metres("--reference-sigma", 0.01, 0.0, 1.0, "How well the truth is known.")
 @_metres("--installation-sigma", 0.0, 0.0, 1.0, "Common bias that no run shows: 0.06 if anchors are mounted anew.")

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
-from rich.console import Console
 
+from wonderland.consoles import for_people
 from wonderland.toml_settings import SettingsError
 from wonderland_edge_agent.commissioning.errors import CommissioningError, SurveyError
 from wonderland_edge_agent.commissioning.fit import FitSettings
@@ -108,7 +108,7 @@ def _publish(
     yes: bool,
     dry_run: bool,
 ) -> None:
-    terminal = Terminal(Console(stderr=as_json, highlight=False), yes=yes)
+    terminal = Terminal(for_people(stderr=as_json), yes=yes)
     try:
         if dry_run or not terminal.confirm(PUBLISH_QUESTION.format(pad.pad_id)):
             terminal.say("Nothing was sent.")
@@ -150,7 +150,7 @@ def _at_the_pad(config: Path, state: Path, **options: Any) -> None:
         if options.pop(name):
             raise click.UsageError(f"--{said}: at a live pad everything is kept in --state")
     as_json, yes = options.pop("as_json"), options.pop("yes")
-    terminal = Terminal(Console(stderr=as_json, highlight=False), yes=yes)
+    terminal = Terminal(for_people(stderr=as_json), yes=yes)
     wizard = Wizard(_live(config, state, **options), terminal)
     try:
         done = asyncio.run(_until_stopped(wizard))

@@ -72,20 +72,22 @@ class Recording:
         truth_shift_s: float = 0.0,
         truth_raise_m: float = 0.0,
         truthless: bool = False,
+        reference: Track | None = None,
     ) -> Self:
         """Read both files. The truth that belongs to a range at t is the one at t + ``truth_shift_s``.
 
-        ``truthless``: it may be missing, and is NaN then (``has_truth``). Raises RecordingError.
+        ``truthless``: it may be missing, and is NaN then (``has_truth``). ``reference``: the truth, where it is
+        elsewhere. Raises RecordingError.
         """
         nowhere = Track((0.0,), ((math.nan, math.nan, math.nan),))
-        without = truthless and not _has_columns(ranges, TRUTH_COLUMNS)
+        without = reference is None and truthless and not _has_columns(ranges, TRUTH_COLUMNS)
         return cls.of_rows(
             ranges,
             read_anchors(anchors),
             anchors.name,
             truth_shift_s=truth_shift_s,
             truth_raise_m=truth_raise_m,
-            reference=nowhere if without else None,
+            reference=nowhere if without else reference,
         )
 
     @property
@@ -142,7 +144,7 @@ class Recording:
                 raised(track.at(t_s + truth_shift_s), truth_raise_m),
                 {name: weaker[at_s, name] for at_s, name, _ in of_round if (at_s, name) in weaker},
             )
-            for t_s, of_round in _rounds(rows)
+            for t_s, of_round in gathered(rows)
         )
         return cls(grouped, dict(places), track, truth_shift_s, truth_raise_m)
 
@@ -234,8 +236,8 @@ Row = tuple[float, str, float]
 """t (s), anchor, range (m)."""
 
 
-def _rounds(rows: Sequence[Row]) -> Iterator[tuple[float, list[Row]]]:
-    """Rows gathered into rounds: a new one begins after a gap, or when an anchor speaks again."""
+def gathered(rows: Sequence[Row]) -> Iterator[tuple[float, list[Row]]]:
+    """(time, rows) of each round, from rows in order: a new one begins after a gap, or when an anchor speaks again."""
     values: list[Row] = []
     anchors: set[str] = set()
     for row in rows:

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from wonderland.consoles import for_people
 from wonderland_edge_agent.commissioning.clocks import Clocks
 from wonderland_edge_agent.commissioning.offline import Calibrated
 from wonderland_edge_agent.commissioning.reach import SHARE
@@ -13,7 +14,7 @@ from wonderland_edge_agent.commissioning.reach import SHARE
 
 def show(found: Calibrated, console: Console | None = None) -> None:
     """Warnings, bias by anchor, uncertainty, and the go/no-go."""
-    console = console or Console(highlight=False)
+    console = console or for_people()
     facts = found.fit.document()
     coverage = found.fit.coverage
     console.print(

@@ -2,17 +2,24 @@
 
 from wonderland_edge_agent.uplink.errors import (
     UplinkConfigurationError,
+    UplinkConnectionError,
     UplinkError,
     UplinkProtocolError,
     UplinkRefusedError,
     UplinkStalledError,
 )
 from wonderland_edge_agent.uplink.protocol import UplinkProtocol
+from wonderland_edge_agent.uplink.transport import Connected, Transport
 from wonderland_edge_agent.uplink.uplink import Uplink, UplinkStatus, UplinkTimings
+from wonderland_edge_agent.uplink.ways import way_to
+from wonderland_edge_agent.uplink.websocket import WebSocketTransport
 
 __all__ = [
+    "Connected",
+    "Transport",
     "Uplink",
     "UplinkConfigurationError",
+    "UplinkConnectionError",
     "UplinkError",
     "UplinkProtocol",
     "UplinkProtocolError",
@@ -20,4 +27,6 @@ __all__ = [
     "UplinkStalledError",
     "UplinkStatus",
     "UplinkTimings",
+    "WebSocketTransport",
+    "way_to",
 ]

@@ -11,6 +11,10 @@ class UplinkConfigurationError(UplinkError):
     """An address or a credential with which no connection can ever be made."""
 
 
+class UplinkConnectionError(UplinkError):
+    """No connection came about; the text says why."""
+
+
 class UplinkProtocolError(UplinkError):
     """The server said something that the protocol does not have, or not then."""
 

@@ -1,4 +1,4 @@
-"""The uplink's shell: keeps one WebSocket to the server and moves the spool's records over it.
+"""The uplink's shell: keeps one connection to the server and moves the spool's records over it.
 
 It never gives up: after any fault it connects again, later and later up to half a minute, with jitter so that a
 server's restart is not answered by all pads at once. What is not acknowledged stays in the spool.
@@ -8,39 +8,27 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 import logging
 import random
-import ssl
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
-from urllib.parse import urlsplit
 
-from websockets.asyncio.client import connect
-from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
-
-from wonderland.telemetry import Ack, Credentials, Refused, Rejected, Welcome, end_point_seen, tls_of
+from wonderland.telemetry import Ack, Channel, Credentials, Refused, Rejected, Welcome
 from wonderland_edge_agent.spool import SpoolClosedError, SpoolError
 from wonderland_edge_agent.uplink.errors import (
-    UplinkConfigurationError,
     UplinkError,
     UplinkProtocolError,
     UplinkRefusedError,
     UplinkStalledError,
 )
-from wonderland_edge_agent.uplink.protocol import (
-    MAX_SERVER_FRAME_BYTES,
-    SendHello,
-    UplinkProtocol,
-)
+from wonderland_edge_agent.uplink.protocol import SendHello, UplinkProtocol
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
 
-    from websockets.asyncio.client import ClientConnection
-
     from wonderland_edge_agent.spool import Spool
+    from wonderland_edge_agent.uplink.transport import Transport
 
 _log = logging.getLogger(__name__)
 
@@ -51,10 +39,8 @@ class UplinkTimings:
 
     backoff_s: float = 0.5
     backoff_max_s: float = 30.0
-    open_timeout_s: float = 10.0
     greeting_timeout_s: float = 10.0
     stall_timeout_s: float = 30.0
-    ping_s: float = 10.0
     window_records: int = 1024
     batch_records: int = 256
     batch_bytes: int = 96 * 1024
@@ -78,30 +64,25 @@ DEFAULT_TIMINGS: Final = UplinkTimings()
 
 
 class Uplink:
-    """Sends what the spool holds to ``url`` (``ws://`` only to this machine, or with ``allow_plaintext``).
+    """Sends what the spool holds over ``transport``.
 
-    >>> uplink = Uplink("wss://authority.example/ingest", credentials, spool)
+    >>> uplink = Uplink(WebSocketTransport("wss://authority.example/ingest"), credentials, spool)
     >>> await uplink.start(); ...; await uplink.close()
     """
 
     def __init__(
         self,
-        url: str,
+        transport: Transport,
         credentials: Credentials,
         spool: Spool,
         *,
-        ssl_context: ssl.SSLContext | None = None,
-        allow_plaintext: bool = False,
         timings: UplinkTimings = DEFAULT_TIMINGS,
         randomness: random.Random | None = None,
         on_status: Callable[[UplinkStatus], None] | None = None,
     ) -> None:
-        self._loopback = _check_url(url, allow_plaintext=allow_plaintext)
-        self._url = url
+        self._transport = transport
         self._credentials = credentials
         self._spool = spool
-        # Without a context of the caller's, the machine's trusted authorities decide.
-        self._ssl = (ssl_context or tls_of(None, None)) if urlsplit(url).scheme == "wss" else None
         self._timings = timings
         self._random = randomness or random.SystemRandom()
         self._on_status = on_status
@@ -142,12 +123,8 @@ class Uplink:
                 return
             except (UplinkError, SpoolError) as cause:
                 error = str(cause)
-            except ConnectionClosed as cause:
+            except ConnectionError as cause:
                 error = f"the connection ended ({cause})"
-            except InvalidStatus as cause:
-                error = f"the server answered HTTP {cause.response.status_code} instead of a WebSocket"
-            except (OSError, WebSocketException) as cause:  # a TimeoutError is an OSError
-                error = f"no connection to {self._url} ({str(cause) or type(cause).__name__})"
             except Exception as cause:  # noqa: BLE001 - see below
                 # A mistake in here must not leave a pad silent for good: it is told with its origin, and tried again.
                 _log.exception("uplink: unexpected error")
@@ -165,40 +142,27 @@ class Uplink:
         return longest * (0.5 + 0.5 * self._random.random())
 
     async def _connect(self) -> None:
-        timings = self._timings
-        async with connect(
-            self._url,
-            ssl=self._ssl,
-            proxy=None if self._loopback else True,
-            compression=None,
-            user_agent_header=None,
-            open_timeout=timings.open_timeout_s,
-            close_timeout=2,
-            ping_interval=timings.ping_s,
-            ping_timeout=timings.ping_s,
-            max_size=MAX_SERVER_FRAME_BYTES,
-            max_queue=16,
-        ) as socket:
-            seen = end_point_seen(socket.transport.get_extra_info("ssl_object"))
-            protocol = UplinkProtocol(self._credentials, self._spool.id, seen)
-            if not await self._greet(socket, protocol):
+        async with self._transport.connect() as connected:
+            channel = connected.channel
+            protocol = UplinkProtocol(self._credentials, self._spool.id, connected.end_point)
+            if not await self._greet(channel, protocol):
                 return
             acknowledgements = _Latest(protocol.acknowledged_seq)
             await _first_of(
-                self._send(socket, protocol, acknowledgements),
-                self._receive(socket, protocol, acknowledgements),
+                self._send(channel, protocol, acknowledgements),
+                self._receive(channel, protocol, acknowledgements),
                 self._forget(acknowledgements),
                 self._watch(protocol, acknowledgements),
             )
 
-    async def _greet(self, socket: ClientConnection, protocol: UplinkProtocol) -> bool:
+    async def _greet(self, channel: Channel, protocol: UplinkProtocol) -> bool:
         """Authenticate and learn where to go on; False when the connection must be made anew."""
         try:
             async with asyncio.timeout(self._timings.greeting_timeout_s):
-                hello = protocol.receive(await socket.recv())
+                hello = protocol.receive(await channel.receive())
                 if isinstance(hello, SendHello):
-                    await socket.send(hello.text)
-                    welcome = protocol.receive(await socket.recv())
+                    await channel.send(hello.text)
+                    welcome = protocol.receive(await channel.receive())
                 else:
                     welcome = hello
         except TimeoutError:
@@ -212,7 +176,7 @@ class Uplink:
             _log.warning("uplink: the server knows more than the spool, which was restored from a copy; renewed it")
             return False
         await self._spool.acknowledge(welcome.acknowledged)
-        _log.info("uplink: connected to %s, going on after record %d", self._url, welcome.acknowledged)
+        _log.info("uplink: connected to %s, going on after record %d", self._transport.address, welcome.acknowledged)
         self._say(
             connected=True,
             error="",
@@ -222,7 +186,7 @@ class Uplink:
         )
         return True
 
-    async def _send(self, socket: ClientConnection, protocol: UplinkProtocol, acknowledged: _Latest) -> None:
+    async def _send(self, channel: Channel, protocol: UplinkProtocol, acknowledged: _Latest) -> None:
         timings = self._timings
         while True:
             room = timings.window_records - (protocol.sent_seq - protocol.acknowledged_seq)
@@ -233,7 +197,7 @@ class Uplink:
                 protocol.sent_seq, max_records=min(room, timings.batch_records), max_bytes=timings.batch_bytes
             )
             if records:
-                await socket.send(protocol.records(records))
+                await channel.send(protocol.records(records))
                 self._say(sent_records=self._status.sent_records + len(records))
             else:
                 await self._spool.wait_beyond(protocol.sent_seq)
@@ -254,9 +218,9 @@ class Uplink:
                     f"(records {protocol.acknowledged_seq + 1} to {protocol.sent_seq} are under way)"
                 ) from None
 
-    async def _receive(self, socket: ClientConnection, protocol: UplinkProtocol, acknowledged: _Latest) -> None:
-        async for text in socket:
-            event = protocol.receive(text)
+    async def _receive(self, channel: Channel, protocol: UplinkProtocol, acknowledged: _Latest) -> None:
+        while True:
+            event = protocol.receive(await channel.receive())
             if isinstance(event, Ack):
                 acknowledged.put(event.seq)
             elif isinstance(event, Rejected):
@@ -310,27 +274,3 @@ async def _first_of(*works: Coroutine[None, None, None]) -> None:
         await asyncio.gather(*tasks, return_exceptions=True)
     for task in done:
         task.result()
-
-
-def _check_url(url: str, *, allow_plaintext: bool) -> bool:
-    """Whether the server is on this machine. Raises `UplinkConfigurationError`."""
-    try:
-        parts = urlsplit(url)
-        host = parts.hostname or ""
-        _ = parts.port
-    except ValueError as cause:
-        raise UplinkConfigurationError(f"the server's address {url!r} cannot be read ({cause})") from cause
-    if parts.scheme not in {"ws", "wss"} or not host:
-        raise UplinkConfigurationError(f"the server's address {url!r} must begin with wss:// (or ws://) and a host")
-    if parts.username or parts.password:
-        raise UplinkConfigurationError(
-            "the server's address must hold no password: the agent signs with its ledger key"
-        )
-    loopback = host == "localhost"
-    with contextlib.suppress(ValueError):
-        loopback = loopback or ipaddress.ip_address(host).is_loopback
-    if parts.scheme == "ws" and not loopback and not allow_plaintext:
-        raise UplinkConfigurationError(
-            f"{url!r} is not encrypted: use wss://, or say plaintext = true where a tunnel protects it"
-        )
-    return loopback

@@ -32,6 +32,11 @@ export function warning(store: LiveStore, local_ms: number): Warning | undefined
     return { tone: "maybe", text: t("congested", { age: age(store.delay_ms) }), retry: false };
   }
   if (status === undefined) return undefined;
+  const { stale_since_ms } = status.server;
+  if (typeof stale_since_ms === "number") {
+    const old_ms = Math.max(2_000, store.serverNow_ms(local_ms) - stale_since_ms);
+    return { tone: "bad", text: t("stale", { age: age(old_ms) }), retry: false };
+  }
   const { halted, halted_since_ms, lag_ms, connected, problem } = status.ledger;
   if (typeof halted === "string") {
     return { tone: "bad", text: t("halted", { why: halted, ago: ago(halted_since_ms === undefined ? 0 : store.serverNow_ms(local_ms) - halted_since_ms) }), retry: false };

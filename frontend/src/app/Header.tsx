@@ -37,7 +37,8 @@ function LedgerChip({ status }: { status: Status }): ReactElement {
   const embedded = ledger.kind === "embedded";
   const organisations = t("organisations", { count: ledger.organisations.length });
   const stopped = typeof ledger.halted === "string";
-  const health = stopped || cutOff ? "bad" : ledger.lag_ms > LAG_MS ? "maybe" : "ok";
+  const stale = typeof status.server.stale_since_ms === "number";
+  const health = stopped || cutOff || stale ? "bad" : ledger.lag_ms > LAG_MS ? "maybe" : "ok";
   return (
     <>
       {(embedded || ledger.notice !== "") && (
@@ -54,7 +55,7 @@ function LedgerChip({ status }: { status: Status }): ReactElement {
           {organisations} · {t("blocks", { blocks: count(ledger.height) })} ·{" "}
         </span>
         <span className="chip-state">
-          {stopped ? t("mirrorHalted") : cutOff ? t("cutOff") : ledger.lag_ms < 1000 ? t("upToDate") : t("behind", { duration: duration(ledger.lag_ms) })}
+          {stopped ? t("mirrorHalted") : cutOff || stale ? t("cutOff") : ledger.lag_ms < 1000 ? t("upToDate") : t("behind", { duration: duration(ledger.lag_ms) })}
         </span>
       </span>
     </>

@@ -38,6 +38,7 @@ describe("the address", () => {
 
 describe("the banner", () => {
   const fine = {
+    server: {},
     ledger: { kind: "embedded", notice: "", channel: "c", height: 1, mirrored: 1, lag_ms: 0, connected: true, halted: null, organisations: [] },
   } as unknown as NonNullable<LiveStore["status"]>;
 
@@ -62,6 +63,14 @@ describe("the banner", () => {
     expect(warning(late, 2_000)?.text.replaceAll("\u00a0", " ")).toBe("The connection is congested: what you see is 9 s old.");
   });
   it("says that the ledger is away", () => expect(warning(store({ connected: false }), 2_000)?.text).toContain("no connection to the ledger"));
+
+  it("says how old the state is that a following backend serves without its leader", () => {
+    const followed = store();
+    followed.status = { ...fine, server: { ...fine.server, stale_since_ms: 1_000 } };
+    const told = warning(followed, 21_000);
+    expect(told?.tone).toBe("bad");
+    expect(told?.text.replaceAll("\u00a0", " ")).toContain("20 s");
+  });
 
   it("says how old the picture is, and offers to try again, but not for a hiccup", () => {
     const lost = store();

@@ -7,14 +7,14 @@ import { useServerNow } from "../shared/live/useLive";
 import { More } from "../shared/ui/More";
 import { Scroll } from "../shared/ui/Scroll";
 import { useDraft } from "../shared/useDraft";
-import { usePeopleApi, type ClientShown, type NewClient } from "./api";
+import { usePeopleApi, type ClientShown, type ClientRegistration } from "./api";
 import { clientTexts as t, scopeWord } from "./clientTexts";
 import { useOrganisations } from "./InvitePage";
 import { Card, CopyOnce, OrganisationField, Problem } from "./parts";
 
 const PAGE = 50;
-const ROLES = ["viewer", "inspector", "pad_operator", "fleet_operator"] as const satisfies readonly NewClient["role"][];
-type Draft = Pick<NewClient, "name" | "scopes"> & { role: (typeof ROLES)[number]; msp_id: string };
+const ROLES = ["viewer", "inspector", "pad_operator", "fleet_operator"] as const satisfies readonly ClientRegistration["role"][];
+type Draft = Pick<ClientRegistration, "name" | "scopes"> & { role: (typeof ROLES)[number]; msp_id: string };
 const EMPTY: Draft = { name: "", scopes: ["wonderland.proofs.read"], role: "viewer", msp_id: "" };
 
 /** Once, and then nowhere. */

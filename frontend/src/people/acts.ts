@@ -52,6 +52,7 @@ const KNOWN: Record<Act, true> = {
   active_subscription: true,
   paused_subscription: true,
   remove_subscription: true,
+  test_subscription: true,
   bind_key: true,
   end_key: true,
   RegisterPad: true,

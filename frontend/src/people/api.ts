@@ -17,8 +17,8 @@ export type LinkShown = Schemas["LinkShown"];
 export type SignInMethods = Schemas["SignInMethods"];
 export type AuditEntry = Schemas["AuditEntry"];
 export type AuditCheck = Schemas["AuditCheck"];
-export type ClientShown = Schemas["Client"];
-export type NewClient = Schemas["NewClient"];
+export type ClientShown = Schemas["RegisteredClient"];
+export type ClientRegistration = Schemas["ClientRegistration"];
 export type ClientCreated = Schemas["ClientCreated"];
 export type Role = PersonShown["roles"][number];
 export type AuditFilters = NonNullable<paths["/api/v1/audit"]["get"]["parameters"]["query"]>;
@@ -117,7 +117,7 @@ export class PeopleApi {
     return answered((signal) => this.client.GET("/api/v1/clients", { params: { query }, signal }));
   }
 
-  addClient(body: NewClient): Promise<ClientCreated> {
+  addClient(body: ClientRegistration): Promise<ClientCreated> {
     return answered((signal) => this.client.POST("/api/v1/clients", { body, signal }));
   }
 

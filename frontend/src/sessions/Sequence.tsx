@@ -1,6 +1,6 @@
 import type { ReactElement } from "react";
 import { transactionHref } from "../shared/address/ledgerLinks";
-import type { SessionDetail, SessionState, StepName } from "../shared/api/records";
+import type { SessionDetail, SessionSummary, StepName } from "../shared/api/records";
 import { count, duration, shortHash, timeOfDay } from "../shared/format";
 import { Scroll } from "../shared/ui/Scroll";
 import { signed, type Signed } from "./signed";
@@ -30,7 +30,7 @@ const LINE = 14;
 const ARROW = 22;
 const X: Record<Party, number> = { Drone: 130, Pad: 290, Ledger: 470, Authority: 610 };
 
-function tone(row: StepRow, session: SessionState): string {
+function tone(row: StepRow, session: SessionSummary): string {
   if (row.step === "verdict" && session.outcome === "inconclusive") return "maybe";
   return { done: "ink2", failed: "bad", refused: "bad", now: "accent", waiting: "line", never: "line" }[row.state];
 }
@@ -64,7 +64,7 @@ function noteLines({ by, digest, transaction }: Signed): number {
 }
 
 /** The eight steps as a sequence between drone, pad and ledger, filling in while they happen. */
-export function Sequence({ session, detail }: { session: SessionState; detail?: SessionDetail | undefined }): ReactElement {
+export function Sequence({ session, detail }: { session: SessionSummary; detail?: SessionDetail | undefined }): ReactElement {
   const held = detail === undefined ? {} : signed(detail);
   const noted = stepRows(session).map((row) => {
     const ahead = row.state === "waiting" || row.state === "never";

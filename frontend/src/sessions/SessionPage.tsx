@@ -6,7 +6,7 @@ import { SitePlanCard } from "../plans/SitePlanCard";
 import { ReplayLink } from "../shared/ui/ReplayLink";
 import { useApi } from "../shared/api/api";
 import { useFresh } from "../shared/api/useFresh";
-import type { Evidence, LedgerTransaction, SessionDetail, SessionState, VerdictSummary } from "../shared/api/records";
+import type { Evidence, LedgerTransaction, SessionDetail, SessionSummary, VerdictSummary } from "../shared/api/records";
 import { asOf } from "../shared/drones";
 import { droneOf } from "../shared/fleet";
 import { coordinates, count, dayAndTime, decimal, length, timeOfDay } from "../shared/format";
@@ -177,7 +177,7 @@ function share(ppm: number): string {
   return decimal(ppm / 1e6, 6).replace(/0+$/, "");
 }
 
-function sessionMark(session: SessionState | undefined): string {
+function sessionMark(session: SessionSummary | undefined): string {
   return `${session?.state ?? ""}/${session?.steps.length ?? 0}`;
 }
 

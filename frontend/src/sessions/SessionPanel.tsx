@@ -3,7 +3,7 @@ import type { ReactElement, ReactNode } from "react";
 import { placeHash } from "../shared/address/location";
 import { ReplayLink } from "../shared/ui/ReplayLink";
 import { useApi } from "../shared/api/api";
-import type { BroadcastFinding, Estimate, HeightFinding, Judgement, Pad, SessionState, VerdictSummary } from "../shared/api/records";
+import type { BroadcastFinding, Estimate, HeightFinding, Judgement, Pad, SessionSummary, VerdictSummary } from "../shared/api/records";
 import { TONE_OF } from "../shared/design/symbols";
 import type { Drone, Look } from "../shared/drones";
 import { ago, coordinates, count, length, likelihood, speed } from "../shared/format";
@@ -219,7 +219,7 @@ function livePlot(drone: Drone, pad: Pad, buffer_mm: number): ReactElement {
 
 type Properties = {
   drone: Drone | undefined;
-  session: SessionState | undefined;
+  session: SessionSummary | undefined;
   verdict: VerdictSummary | undefined;
   pad: Pad | undefined;
   now_ms: number;

@@ -2,7 +2,7 @@ import type { ReactElement } from "react";
 import { go, placeHash, type Filters as Chosen } from "../shared/address/location";
 import { useApi } from "../shared/api/api";
 import { usePages } from "../shared/api/usePages";
-import type { SessionState } from "../shared/api/records";
+import type { SessionSummary } from "../shared/api/records";
 import { asOf, type Look } from "../shared/drones";
 import { actionVerb, dayAndTime, duration } from "../shared/format";
 import { useLive, useLiveStore, useServerNow } from "../shared/live/useLive";
@@ -21,12 +21,12 @@ const PADS: readonly Topic[] = ["pads"];
 const SESSIONS: readonly Topic[] = ["sessions"];
 const PAGE = 50;
 
-export function sessionLook(session: SessionState): Look {
+export function sessionLook(session: SessionSummary): Look {
   if (session.state === "requested") return "proving";
   return session.outcome ?? "unproved";
 }
 
-function state(session: SessionState): string {
+function state(session: SessionSummary): string {
   switch (session.state) {
     case "requested":
       return rowTexts("step", { step: stepNumber(session) });
@@ -40,7 +40,7 @@ function state(session: SessionState): string {
 }
 
 /** From the request to the last step that is known. */
-function took(session: SessionState): string {
+function took(session: SessionSummary): string {
   const decided = session.steps.find(({ step }) => step === "verdict")?.t_ms ?? session.decided_ms;
   return decided === undefined || decided <= session.requested_ms ? "–" : duration(decided - session.requested_ms);
 }

@@ -1,12 +1,12 @@
 import type { ReactElement } from "react";
-import type { SessionState } from "../shared/api/records";
+import type { SessionSummary } from "../shared/api/records";
 import { duration, timeOfDay } from "../shared/format";
 import { Hash } from "../shared/ui/Hash";
 import { sharedTexts } from "../shared/texts";
 import { stepRows, type StepRow } from "./stepRows";
 import { stepTexts as t } from "./texts";
 
-function Dot({ row, session }: { row: StepRow; session: SessionState }): ReactElement {
+function Dot({ row, session }: { row: StepRow; session: SessionSummary }): ReactElement {
   const tone =
     row.step === "verdict" && session.outcome === "inconclusive"
       ? "maybe"
@@ -34,7 +34,7 @@ function Dot({ row, session }: { row: StepRow; session: SessionState }): ReactEl
 }
 
 /** The eight steps with times and transaction ids, filling in while they happen. */
-export function Steps({ session }: { session: SessionState }): ReactElement {
+export function Steps({ session }: { session: SessionSummary }): ReactElement {
   return (
     <section className="steps" aria-label={t("title")}>
       <ol className="num">

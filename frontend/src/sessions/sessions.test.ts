@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import type { SessionState, VerdictSummary } from "../shared/api/records";
+import type { SessionSummary, VerdictSummary } from "../shared/api/records";
 import { PADS } from "../shared/fake/cast";
 import type { Phrase } from "../shared/i18n/texts";
 import { seeded } from "../shared/fake/random";
@@ -10,7 +10,7 @@ import { stepRows } from "./stepRows";
 import { account, whereabouts } from "./words";
 
 const world = new FakeWorld(1_700_000_000_000, seeded(3));
-const sessions = new Map<string, SessionState>();
+const sessions = new Map<string, SessionSummary>();
 const verdicts = new Map<string, VerdictSummary>();
 for (let t_s = 0; t_s < 60; t_s += 0.2) {
   const changes = world.tick(t_s);
@@ -18,7 +18,7 @@ for (let t_s = 0; t_s < 60; t_s += 0.2) {
   for (const verdict of changes.verdicts ?? []) verdicts.set(verdict.uav_id, verdict);
 }
 const verdict = (id: string): VerdictSummary => verdicts.get(id) ?? expect.fail(`no verdict of ${id}`);
-const session = (id: string): SessionState => sessions.get(id) ?? expect.fail(`no session of ${id}`);
+const session = (id: string): SessionSummary => sessions.get(id) ?? expect.fail(`no session of ${id}`);
 const pad = (id: string): (typeof PADS)[number] | undefined => PADS.find(({ pad_id }) => pad_id === id);
 
 function text(phrases: readonly Phrase[]): string {
@@ -133,7 +133,7 @@ describe("the eight steps", () => {
   });
 
   it("show what is under way and what is to come", () => {
-    const running: SessionState = { ...session("OH-DRN-0417"), state: "requested", steps: session("OH-DRN-0417").steps.slice(0, 4) };
+    const running: SessionSummary = { ...session("OH-DRN-0417"), state: "requested", steps: session("OH-DRN-0417").steps.slice(0, 4) };
     delete running.outcome;
     delete running.permission;
     delete running.verdict_tx;

@@ -1,4 +1,4 @@
-import { STEP_NAMES, type SessionState, type Step, type StepName } from "../shared/api/records";
+import { STEP_NAMES, type SessionSummary, type Step, type StepName } from "../shared/api/records";
 import { actionVerb, count } from "../shared/format";
 import { detailText } from "./ends";
 import { stepTexts as t } from "./texts";
@@ -16,12 +16,12 @@ export type StepRow = {
   source?: Step["source"];
 };
 
-function stepName(step: StepName, session: SessionState): string {
+function stepName(step: StepName, session: SessionSummary): string {
   if (step === "range" && session.rounds !== undefined && session.rounds > 0) return t("rangeRounds", { rounds: count(session.rounds) });
   return step === "permission" ? t("permissionTo", { action: actionVerb(session.action) }) : t("name", { step });
 }
 
-function transaction(session: SessionState, step: StepName): string | undefined {
+function transaction(session: SessionSummary, step: StepName): string | undefined {
   if (step === "request") return session.request_tx;
   if (step === "verdict") return session.verdict_tx;
   return step === "permission" ? session.complete_tx : undefined;
@@ -32,7 +32,7 @@ function transaction(session: SessionState, step: StepName): string | undefined 
  *
  * Ledger and pad have their own clocks: a step may seem to come before the last; then it took "no time".
  */
-export function stepRows(session: SessionState): StepRow[] {
+export function stepRows(session: SessionSummary): StepRow[] {
   const reported = new Map(session.steps.map((step) => [step.step, step]));
   const last = session.steps.reduce((most, { step }) => Math.max(most, STEP_NAMES.indexOf(step)), 0);
   const running = session.state === "requested";

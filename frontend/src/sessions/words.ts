@@ -1,4 +1,4 @@
-import type { Judgement, Pad, Position, SessionState, VerdictSummary } from "../shared/api/records";
+import type { Judgement, Pad, Position, SessionSummary, VerdictSummary } from "../shared/api/records";
 import type { Drone, Look } from "../shared/drones";
 import { actionNoun, actionVerb, count, countWord, length, likelihood } from "../shared/format";
 import { direction, type Local } from "../shared/geo/frame";
@@ -165,12 +165,12 @@ export function account(verdict: VerdictSummary, pad: Pad | undefined): Account 
 }
 
 /** Why a session ended, for a sentence that goes on with it. */
-function because(session: SessionState, separator: string): string {
+function because(session: SessionSummary, separator: string): string {
   return session.end === undefined ? "" : separator + endText(session.end);
 }
 
 /** What a session that is not decided is doing. */
-export function progress(session: SessionState, drone: Drone | undefined, pad: Pad | undefined): Account {
+export function progress(session: SessionSummary, drone: Drone | undefined, pad: Pad | undefined): Account {
   const values = { who: session.uav_id, action: actionVerb(session.action), pad: pad?.name ?? session.pad_id };
   if (session.state === "cancelled") {
     const sentence = t.rich("endedWithout", { ...values, why: because(session, ": ") });
@@ -277,13 +277,13 @@ function clockOff(verdict: VerdictSummary): string {
   return error_mm === undefined ? row("refused") : row("off", { distance: length(error_mm, true) });
 }
 
-function ended(session: SessionState): string {
+function ended(session: SessionSummary): string {
   const { action } = session;
   return session.end === "aborted" ? row("aborted", { deed: actionNoun(action) }) : row("did", { action });
 }
 
 /** The step that is under way, 2 to 8: the one after the last that was reached. */
-export function stepNumber(session: SessionState): number {
+export function stepNumber(session: SessionSummary): number {
   const order = ["request", "poll", "match", "reply", "range", "confirm", "verdict", "permission"];
   const reached = Math.max(0, ...session.steps.map((step) => order.indexOf(step.step) + 1));
   return Math.min(8, reached + 1);

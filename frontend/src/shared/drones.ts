@@ -1,4 +1,4 @@
-import type { Estimate, Pad, SessionState, Track, VerdictSummary } from "./api/records";
+import type { Estimate, Pad, SessionSummary, Track, VerdictSummary } from "./api/records";
 import { distance_mm, type Place } from "./geo/frame";
 import type { LiveStore } from "./live/store";
 import { isContradicted, refutedBy } from "./refuted";
@@ -17,7 +17,7 @@ export type Drone = {
   /** When what the row tells happened. */
   t_ms: number;
   track?: Track;
-  session?: SessionState;
+  session?: SessionSummary;
   verdict?: VerdictSummary;
   estimate?: Estimate;
   nearest?: { pad: Pad; distance_mm: number };
@@ -76,13 +76,13 @@ function judged({ session, verdict }: Parts): Pick<Drone, "look" | "group" | "t_
  * A session as it stands at a time: one that nobody decided before its end is over, whether or not anybody has said so
  * on the ledger.
  */
-export function asOf(session: SessionState, now_ms: number): SessionState {
+export function asOf(session: SessionSummary, now_ms: number): SessionSummary {
   if (session.state !== "requested" || now_ms <= session.expires_ms) return session;
   return { ...session, state: "cancelled", end: "expired" };
 }
 
 /** The session that speaks of a drone at a time: the newest, as long as it is not too old. */
-function holding(store: LiveStore, session: SessionState | undefined, verdict: VerdictSummary | undefined, now_ms: number): SessionState | undefined {
+function holding(store: LiveStore, session: SessionSummary | undefined, verdict: VerdictSummary | undefined, now_ms: number): SessionSummary | undefined {
   let found = session;
   // A verdict that REST brought may have no session in the store: it is its own.
   if (verdict !== undefined && (found === undefined || found.requested_ms < verdict.decided_ms - 3_600_000)) {
@@ -99,7 +99,7 @@ function holding(store: LiveStore, session: SessionState | undefined, verdict: V
 export function judgedDrone(
   store: LiveStore,
   uav_id: string,
-  session: SessionState | undefined,
+  session: SessionSummary | undefined,
   verdict: VerdictSummary | undefined,
   now_ms: number,
 ): Drone | undefined {
@@ -129,7 +129,7 @@ export function heardDrone(store: LiveStore, slot: number, look: Look): Drone {
 }
 
 /** What can be said of a session of which only the verdict is known. */
-export function sessionOf(verdict: VerdictSummary): SessionState {
+export function sessionOf(verdict: VerdictSummary): SessionSummary {
   return {
     session_id: verdict.session_id,
     pad_id: verdict.pad_id,

@@ -1,4 +1,4 @@
-import type { Action, Pad, SessionState, VerdictSummary } from "./api/records";
+import type { Action, Pad, SessionSummary, VerdictSummary } from "./api/records";
 import { byNeed, GONE_MS, heardDrone, judgedDrone, LOOKS, SILENT_MS, type Drone, type Group, type Look } from "./drones";
 import { distance_mm } from "./geo/frame";
 import type { LiveStore } from "./live/store";
@@ -215,7 +215,7 @@ export function droneOf(store: LiveStore, uav_id: string, now_ms: number): Drone
 }
 
 function judgedDrones(store: LiveStore, now_ms: number): Drone[] {
-  const sessions: Map<string, SessionState> = newest(store.sessionsByTime());
+  const sessions: Map<string, SessionSummary> = newest(store.sessionsByTime());
   const verdicts: Map<string, VerdictSummary> = newest(store.verdictsByTime());
   const found: Drone[] = [];
   for (const uav_id of new Set([...sessions.keys(), ...verdicts.keys()])) {

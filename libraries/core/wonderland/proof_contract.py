@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -25,6 +25,7 @@ from wonderland.proofs.records.reservations import Reservations
 from wonderland.proofs.records.sessions import Evidence, Radio, Session, Testimony, TimeStamps
 from wonderland.proofs.records.uavs import Uav
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland_fabric_gateway.checkpoints import Checkpoint
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway.errors import (
     CommitError,
@@ -37,7 +38,7 @@ from wonderland_fabric_gateway.gateway.errors import (
 
 if TYPE_CHECKING:
     from wonderland.proofs.records.schema import Record
-    from wonderland_fabric_gateway.checkpoints import Checkpoint, Checkpointer
+    from wonderland_fabric_gateway.checkpoints import Checkpointer
     from wonderland_fabric_gateway.gateway.client import Network
 
 _log = logging.getLogger(__name__)
@@ -278,18 +279,45 @@ class ProofContract:
             async for event in stream:
                 if event.name not in names:
                     continue
-                try:
-                    payload = encoding.decode(event.payload)
-                except ProofError as error:
-                    _log.warning("event %s of transaction %s cannot be read: %s", event.name, event.tx_id, error)
-                    continue
-                record = payload.get("record", payload) if isinstance(payload, dict) else None
-                if isinstance(record, dict):
+                record = _record_of(event.name, event.tx_id, event.payload)
+                if record is not None:
                     yield ContractEvent(event.name, event.tx_id, event.block_number, record, event.checkpoint)
         except GatewayError as error:
             raise translated(error) from error
         finally:
             stream.close()
+
+    async def history(
+        self, names: frozenset[str], on_block: Callable[[int, int], None] | None = None
+    ) -> AsyncGenerator[ContractEvent]:
+        """Events with these names from the first block to the newest of now, from valid transactions.
+
+        ``on_block``: told how many blocks were read, of how many.
+        """
+        height = await self.height()
+        stream = self._network.blocks(start_block=0)
+        try:
+            async for block in stream:
+                for at in block.transactions:
+                    event = at.event
+                    if at.is_valid and event is not None and event.chaincode == self._chaincode and event.name in names:
+                        record = _record_of(event.name, at.tx_id, event.payload)
+                        if record is not None:
+                            after = Checkpoint.after_block(block.number)
+                            yield ContractEvent(event.name, at.tx_id, block.number, record, after)
+                if on_block is not None:
+                    on_block(block.number + 1, height)
+                if block.number + 1 >= height:
+                    return
+        except GatewayError as error:
+            raise translated(error) from error
+        finally:
+            stream.close()
+
+    async def change(self, argument: Record) -> tuple[dict[str, Any], Committed]:
+        """Submit the transaction whose argument this is: what it answers."""
+        name = next(each.name for each in tx.TRANSACTIONS.values() if each.argument is type(argument) and each.event)
+        return await self._submit(name, argument)
 
     async def height(self) -> int:
         """How many blocks the channel has."""
@@ -340,6 +368,17 @@ class ProofContract:
             if isinstance(refusal, RefusedError) and refusal.status == _NOT_THERE:
                 await self._contract.leave_if_behind()  # the caller may know that it is there, and ask again
             raise refusal from error
+
+
+def _record_of(name: str, tx_id: str, payload: bytes) -> dict[str, Any] | None:
+    """What an event carries; None, with a warning, where it is none of this contract's."""
+    try:
+        decoded = encoding.decode(payload)
+    except ProofError as error:
+        _log.warning("event %s of transaction %s cannot be read: %s", name, tx_id, error)
+        return None
+    record = decoded.get("record", decoded) if isinstance(decoded, dict) else None
+    return record if isinstance(record, dict) else None
 
 
 def _note(text: str) -> str | None:

@@ -5,11 +5,27 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import signal
 import socket
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Iterator, Mapping
 from typing import Final
 
 _US_PER_S: Final = 1_000_000
+
+
+@contextlib.contextmanager
+def held(signals: set[signal.Signals]) -> Iterator[None]:
+    """Inside, these signals wait for `signal.sigwait`, in threads begun there too: none of them is ended by one.
+
+    Who is told to stop a second time while stopping has been told already.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
+    try:
+        yield
+    finally:
+        while signal.sigtimedwait(signals, 0):
+            pass
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class ServiceManager:

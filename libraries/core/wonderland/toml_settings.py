@@ -92,8 +92,8 @@ def read_address(text: str) -> Address:
     return Address((host.strip("[]") or "127.0.0.1", int(port)))
 
 
-def _choices(kind: type, path: list[tuple[str, str]]) -> list[str]:
-    """What a field may be that is one of several words; empty where the path leads to no such field."""
+def _field(kind: type, path: list[tuple[str, str]]) -> Any:
+    """What msgspec knows of the field that the path leads to; None where there is none."""
     found: Any = type_info(kind)
     for name, _ in path:
         options = getattr(found, "types", (found,))
@@ -102,7 +102,20 @@ def _choices(kind: type, path: list[tuple[str, str]]) -> list[str]:
             found = fields[0].type if fields else None
         else:
             found = next((option.item_type for option in options if hasattr(option, "item_type")), None)
+    return found
+
+
+def _choices(found: Any) -> list[str]:
+    """What a field may be that is one of several words."""
     return [str(value) for option in getattr(found, "types", (found,)) for value in getattr(option, "values", ())]
+
+
+def _shape(found: Any) -> str:
+    """What a text that has a form of its own should have been."""
+    examples = (getattr(found, "extra_json_schema", None) or {}).get("examples")
+    if examples:
+        return f"which is not of the form of {' or '.join(map(repr, examples))}"
+    return "of which a character is not allowed (names have letters, digits and . _ : -)"
 
 
 def _complaint(error: ValidationError, document: object, kind: type) -> str:
@@ -121,9 +134,9 @@ def _complaint(error: ValidationError, document: object, kind: type) -> str:
         for theirs, ours in _WORDS.items():
             text = text.replace(theirs, ours)
         if "matching regex" in text:
-            text = "of which a character is not allowed (names have letters, digits and . _ : -)"
+            text = _shape(_field(kind, _PATH.findall(where)))
         elif text.startswith("Invalid enum"):
-            known = _choices(kind, _PATH.findall(where))
+            known = _choices(_field(kind, _PATH.findall(where)))
             text = f"which is not known; {', '.join(known)} are" if known else "which is not known"
         text = f"is {value!r}, {text}"
     return f"{place} {text}"

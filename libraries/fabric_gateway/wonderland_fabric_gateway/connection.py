@@ -49,7 +49,11 @@ CHANNEL_OPTIONS: Final[tuple[tuple[str, int], ...]] = (
     ("grpc.max_send_message_length", MAX_MESSAGE_BYTES),
     # A peer refuses pings more often than once a minute (keepalive.minInterval).
     ("grpc.keepalive_time_ms", 75_000),
-    ("grpc.keepalive_timeout_ms", 20_000),
+    # Also TCP_USER_TIMEOUT: mobile networks forget connections and tell nobody. What was sent and is not acknowledged
+    # for so long ends the connection; a new one costs two round trips, and streams go on where they were.
+    ("grpc.keepalive_timeout_ms", 5_000),
+    # An attempt to connect, 20 s by default, of which TCP's own repeats are 1, 3, 7 and 15 s after the first packet.
+    ("grpc.min_reconnect_backoff_ms", 5_000),
     ("grpc.http2.max_pings_without_data", 0),
     # With the default of 1 s growing to 120 s a stream waits long for a ledger that is back already.
     ("grpc.initial_reconnect_backoff_ms", 100),

@@ -9,13 +9,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextlib import AsyncExitStack
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from wonderland_fabric_gateway.channel_groups import OrganisationDescription
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.files import PUBLIC, read_bounded, write_atomic
 from wonderland_fabric_network import connections, lifecycle, ports, recovery
 from wonderland_fabric_network.agreement import Agreement, load_agreement, require_installed, save_agreement
+from wonderland_fabric_network.cards import load_membership
 from wonderland_fabric_network.certificates import signing_identity
 from wonderland_fabric_network.concurrency import together
 from wonderland_fabric_network.contract import (
@@ -30,7 +31,9 @@ from wonderland_fabric_network.genesis import ChannelPlan, first_block
 from wonderland_fabric_network.hosts import CONTRACT
 from wonderland_fabric_network.layout import CLIENT, MSP_ADMIN, NetworkDirectory
 from wonderland_fabric_network.leadership import wait_leader
+from wonderland_fabric_network.membership import NONCE_BYTES
 from wonderland_fabric_network.network import Member, Network, contract_component
+from wonderland_fabric_network.with_others import WithOthers
 
 if TYPE_CHECKING:
     from wonderland_fabric_network.authorities import Authority
@@ -40,16 +43,15 @@ if TYPE_CHECKING:
 
 Report: TypeAlias = Callable[[str, str], None]
 """Hears of each step that begins, and what of it has just been done."""
-NONCE_BYTES: Final = 24
-PROBE: Final = ("ReadPolicy", b'{"action":"land","pad_id":"pad-1"}')
-"""What is asked of the contract to see that it is reached."""
 
 
 def open_network(directory: NetworkDirectory) -> Network:
     """A network that was brought up before, perhaps not to its end. Raises `NetworkError`."""
     directory.require()
     description = NetworkDescription.load(directory.description_file)
-    return Network(directory, description, ports.allot(directory.ports_file, description, os.urandom))
+    membership = load_membership(directory)
+    listening = ports.allot(directory.ports_file, description, os.urandom, membership)
+    return Network(directory, description, listening, membership=membership)
 
 
 def new_network(directory: NetworkDirectory, description: NetworkDescription | None) -> Network:
@@ -95,13 +97,14 @@ class BringUp:
         """All of them, in order, the servers being ours to start."""
         network = self._network
         network.require_here()
+        self._require_met()
         network.write_builder()
         contract = installed_contract(network.description.contract.package)
         agreement = load_agreement(network.directory.contract_file)
         async with AsyncExitStack() as stack:
             self._report("certificates", "starting the organisations' CAs")
             authorities = await together(self.organisation(msp_id, stack) for msp_id in network.msp_ids)
-            block = self._block()
+            block = channel_block(self._network)
             if agreement is None or agreement.fits(contract):
                 await self._contract_servers(contract, agreement.slot if agreement else SLOTS[0])
             self._report("channel", f"joining {network.channel}")
@@ -114,8 +117,19 @@ class BringUp:
                 ]
             )
             connections.write_first(network)
+            if network.membership is not None:
+                await WithOthers(network, self._report).agree(peers, contract, agreement)
+                return
             await wait_leader(network)
             await self._agree(peers, contract, agreement)
+
+    def _require_met(self) -> None:
+        membership = self._network.membership
+        missing = () if membership is None else membership.missing(self._network.description)
+        if missing:
+            raise DirectoryStateError(
+                f"the cards of {', '.join(missing)} are not here yet. Next: `wonderland network meet CARD…`"
+            )
 
     async def certify(self) -> None:
         """Whatever servers elsewhere need to start, by CAs that run: certificates, settings, the channel's block."""
@@ -124,7 +138,7 @@ class BringUp:
         async with AsyncExitStack() as stack:
             self._report("certificates", "waiting for the organisations' CAs")
             authorities = await together(self.organisation(msp_id, stack) for msp_id in network.msp_ids)
-            self._block()
+            channel_block(self._network)
             await together(self.identities(authority) for authority in authorities)
         connections.write_first(network)
         await self._contract_servers(contract, SLOTS[0])
@@ -137,7 +151,7 @@ class BringUp:
         network = self._network
         contract = installed_contract(network.description.contract.package)
         agreement = load_agreement(network.directory.contract_file)
-        block = self._block()
+        block = channel_block(self._network)
         async with AsyncExitStack() as stack:
             peers = await network.peer_admins(stack)
             self._report("channel", f"joining {network.channel}")
@@ -218,26 +232,6 @@ class BringUp:
             for who in connections.first_identities(kinds[authority.msp_id]):
                 await authority.ensure(who, authority.directory.identity(who.name))
 
-    def _block(self) -> bytes:
-        """The channel's first block, made once."""
-        path = self._network.directory.block_file
-        if path.exists():
-            return read_bounded(path, DirectoryStateError, "the channel's first block", 100 << 20)
-        network = self._network
-        ordering = network.description.ordering
-        plan = ChannelPlan(
-            channel=network.channel,
-            applications=tuple(describe_organisation(network, each.msp_id) for each in network.organisations),
-            orderers=tuple(
-                describe_organisation(network, each.msp_id) for each in network.description.ordering.organisations
-            ),
-            consenters=network.consenters(),
-            ordering=ordering,
-        )
-        block = first_block(plan, int(network.now().timestamp()), network.random_bytes(NONCE_BYTES))
-        write_atomic(path, block, PUBLIC)
-        return block
-
     async def _join_orderer(self, member: Member, block: bytes) -> None:
         async with self._network.orderer_admin(member) as admin:
             try:
@@ -298,7 +292,8 @@ class BringUp:
         # Each peer for itself: a client of any organisation begins at one of its own.
         try:
             await together(
-                lifecycle.wait_answering(peer, inspector, network.channel, described.name, PROBE) for peer in peers
+                lifecycle.wait_answering(peer, inspector, network.channel, described.name, lifecycle.PROBE)
+                for peer in peers
             )
         except ComponentError as error:
             for msp_id in network.endorsers:
@@ -338,6 +333,32 @@ class BringUp:
                     ports.require_free(host, [port], launch.name)
 
 
+def channel_block(network: Network) -> bytes:
+    """The channel's first block, made once. Raises `LedgerError`."""
+    path = network.directory.block_file
+    if path.exists():
+        return read_bounded(path, DirectoryStateError, "the channel's first block", 100 << 20)
+    ordering = network.description.ordering
+    applications = sorted(network.description.organisations, key=lambda each: each.kind != "authority")
+    plan = ChannelPlan(
+        channel=network.channel,
+        applications=tuple(describe_organisation(network, each.msp_id) for each in applications),
+        orderers=tuple(
+            describe_organisation(network, each.msp_id) for each in network.description.ordering.organisations
+        ),
+        consenters=network.consenters(),
+        ordering=ordering,
+    )
+    t_s, nonce = (
+        (int(network.now().timestamp()), network.random_bytes(NONCE_BYTES))
+        if network.membership is None
+        else network.membership.founding()
+    )
+    block = first_block(plan, t_s, nonce)
+    write_atomic(path, block, PUBLIC)
+    return block
+
+
 async def ensure_contract_tls(authority: Authority) -> None:
     """What an organisation's contract servers show on TLS connections. Raises `CaError`."""
     node = authority.directory.node(CONTRACT)
@@ -353,8 +374,8 @@ def describe_organisation(network: Network, msp_id: str) -> OrganisationDescript
         root, tls_root = directory.root.read_bytes(), directory.tls_root.read_bytes()
     except OSError as cause:
         raise UnreachableError(f"{msp_id}: {cause.filename}: {cause.strerror}") from cause
-    orderers = [member for member in network.orderers if member.msp_id == msp_id]
-    peers = [member for member in network.peers if member.msp_id == msp_id]
+    orderers = [member for member in network.every_orderer if member.msp_id == msp_id]
+    peers = [member for member in network.every_peer if member.msp_id == msp_id]
     return OrganisationDescription(
         msp_id,
         root,

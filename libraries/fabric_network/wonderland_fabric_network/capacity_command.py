@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
 from rich.table import Table
 
+from wonderland.consoles import for_people
 from wonderland_fabric_gateway.capacity import MILLION, Census
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.gateway import Gateway
@@ -64,7 +64,7 @@ def _octets(directory: Path) -> int:
 
 
 def _show(census: Census, disk: dict[str, int]) -> None:
-    console = Console(highlight=False)
+    console = for_people()
     console.print(
         f"{census.blocks} blocks with {census.transactions} transactions ({census.invalid} invalid), "
         f"{census.octets / _MEGA:.2f} MB"

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import click
-from rich.console import Console
 from rich.table import Table
 
+from wonderland.consoles import for_people
 from wonderland.proofs.errors import RecordError
 from wonderland_fabric_gateway.embedded.organisations import ROLES
 from wonderland_fabric_gateway.errors import LedgerError
@@ -26,6 +26,7 @@ from wonderland_fabric_network import (
     elsewhere_commands,
     enrolment,
     expansion,
+    founding_commands,
     keeping,
     renewal,
     revocations,
@@ -67,7 +68,7 @@ def network() -> None:
     """  # noqa: D301 - \b is click's mark for "do not wrap"
 
 
-for each in (*elsewhere_commands.COMMANDS, capacity, invite):
+for each in (*elsewhere_commands.COMMANDS, *founding_commands.COMMANDS, capacity, invite):
     network.add_command(each)
 
 
@@ -359,7 +360,7 @@ def renew(*, name: str, directory: Path, msp_id: str | None, days: int, everythi
 
 
 def _show(found: NetworkStatus) -> None:
-    console = Console()
+    console = for_people()
     table = Table(box=None, pad_edge=False)
     for heading in ("component", "process", "address", "height", "state"):
         table.add_column(heading, no_wrap=heading != "state", overflow="fold")

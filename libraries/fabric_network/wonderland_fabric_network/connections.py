@@ -50,6 +50,8 @@ def write_first(network: Network) -> None:
                 if directory.identity(who.name).exist()
             }
             _connection(network, organisation.msp_id, found, (organisation.msp_id,)).save(directory.connection_file)
+    if not network.organisations:  # who only orders has no clients
+        return
     authority = network.organisations[0].msp_id
     _refresh(network, authority, network.directory.connection_file, _all(network))
     if not network.directory.connection_file.exists():

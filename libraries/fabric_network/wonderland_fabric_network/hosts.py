@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from wonderland_fabric_network.contract import SLOTS
 from wonderland_fabric_network.description import EACH
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from wonderland_fabric_network.description import NetworkDescription
 
 CONTRACT: Final = "contract"
@@ -19,9 +22,11 @@ _EVERYWHERE: Final = "0.0.0.0"  # noqa: S104 - a host of its own, reached by the
 class Hosts:
     """The hosts of one description. Names are those of nodes: peer0, orderer0, ca, contract-a."""
 
-    def __init__(self, description: NetworkDescription) -> None:
+    def __init__(self, description: NetworkDescription, others: Mapping[str, str] = MappingProxyType({})) -> None:
+        """`others`: where the components of organisations are whose servers run on another machine."""
         self.each: Final = description.hosts == EACH
         self._one = description.host
+        self._others = others
 
     @property
     def bind(self) -> str:
@@ -30,7 +35,7 @@ class Hosts:
 
     def of(self, msp_id: str, name: str) -> str:
         """Where others find a component."""
-        return f"{name}.{msp_id.lower()}" if self.each else self._one
+        return f"{name}.{msp_id.lower()}" if self.each else self._others.get(msp_id, self._one)
 
     def names(self, msp_id: str, name: str) -> tuple[str, ...]:
         """What a TLS certificate of that name is for."""

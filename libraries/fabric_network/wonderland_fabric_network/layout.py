@@ -2,6 +2,8 @@
 
 network.yaml                 the description, as it was brought up
 ports.json                   who listens where; chosen once
+members/<MSP id>.json        where organisations have directories of their own: what each says of itself
+mine.json                    and whose keys are here
 channel.block                the channel's first block
 connection.json              what clients take: one identity per role, through the first peer of the authority
 builder/                     how peers connect to contract servers
@@ -138,6 +140,8 @@ class NetworkDirectory:
         self.path: Final = path.absolute()
         self.description_file: Final = self.path / DESCRIPTION
         self.ports_file: Final = self.path / "ports.json"
+        self.members: Final = self.path / "members"
+        self.mine_file: Final = self.path / "mine.json"
         self.block_file: Final = self.path / "channel.block"
         self.contract_file: Final = self.path / "contract.json"
         self.connection_file: Final = self.path / FILE_NAME

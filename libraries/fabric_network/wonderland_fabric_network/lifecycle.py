@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from wonderland_fabric_network.contract import ContractPackage
     from wonderland_fabric_network.network import Network
 
+PROBE: Final = ("ReadPolicy", b'{"action":"land","pad_id":"pad-1"}')
+"""What is asked of the contract to see that it is reached."""
 RETRY_S: Final = 45.0
 _PAUSE_S: Final = 0.05
 _PASSING: Final = frozenset(

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from wonderland_fabric_network.binaries import Binaries
     from wonderland_fabric_network.contract import ContractPackage
     from wonderland_fabric_network.description import NetworkDescription, Organisation
+    from wonderland_fabric_network.membership import Membership
 
 _EXECUTABLE: Final = 0o755
 
@@ -53,7 +54,11 @@ class Member:
 
 
 class Network:
-    """A network that has its directory and its ports. `now` gives the time (aware UTC)."""
+    """A network that has its directory and its ports, or one member's part of it. `now` gives the time (aware UTC).
+
+    `organisations`, `orderers`, `peers`, `endorsers` and `msp_ids` are those that this directory runs; all that the
+    channel has are the description's, `every_orderer` and `every_peer`.
+    """
 
     def __init__(
         self,
@@ -61,13 +66,15 @@ class Network:
         description: NetworkDescription,
         listening: ports.Ports,
         *,
+        membership: Membership | None = None,
         now: Callable[[], dt.datetime] = lambda: dt.datetime.now(dt.UTC),
         random_bytes: Callable[[int], bytes] = os.urandom,
     ) -> None:
         self.directory: Final = directory
         self.description: Final = description
         self.ports: Final = listening
-        self.hosts: Final = Hosts(description)
+        self.membership: Final = membership
+        self.hosts: Final = Hosts(description, membership.hosts if membership is not None else {})
         self.processes: Final[ProcessTable] = (Elsewhere if self.hosts.each else ProcessTable)(
             directory.run, directory.logs
         )
@@ -76,8 +83,21 @@ class Network:
 
     def with_description(self, description: NetworkDescription) -> Network:
         """The same network as it will be; ports for what is new are chosen. Nothing else is written."""
+        self.require_whole()
         listening = ports.allot(self.directory.ports_file, description, self.random_bytes)
         return Network(self.directory, description, listening, now=self.now, random_bytes=self.random_bytes)
+
+    def require_whole(self) -> None:
+        """Raise `DirectoryStateError` where this directory has the keys of some organisations only."""
+        if self.membership is not None:
+            raise DirectoryStateError(
+                f"this directory has the keys of {', '.join(self.msp_ids)} only, and what concerns the whole channel "
+                "is decided with the others. Next: see docs/operate/joining.md"
+            )
+
+    def is_mine(self, msp_id: str) -> bool:
+        """Whether this directory has that organisation's keys."""
+        return self.membership is None or msp_id in self.membership.mine
 
     def require_here(self) -> None:
         """Raise `DirectoryStateError` when something else runs the servers."""
@@ -93,17 +113,17 @@ class Network:
         return self.description.channel
 
     @property
-    def peers(self) -> tuple[Member, ...]:
-        """All peers, the authority's first."""
+    def every_peer(self) -> tuple[Member, ...]:
+        """All peers of the channel, the authority's first."""
         names = [
             (organisation.msp_id, f"peer{index}")
-            for organisation in self.organisations
+            for organisation in sorted(self.description.organisations, key=lambda each: each.kind != "authority")
             for index in range(organisation.peers)
         ]
         return tuple(Member(msp_id, name, number) for number, (msp_id, name) in enumerate(names, 1))
 
     @property
-    def orderers(self) -> tuple[Member, ...]:
+    def every_orderer(self) -> tuple[Member, ...]:
         """The orderers of all organisations, in the description's order."""
         names = [
             (organisation.msp_id, f"orderer{index}")
@@ -113,20 +133,31 @@ class Network:
         return tuple(Member(msp_id, name, number) for number, (msp_id, name) in enumerate(names, 1))
 
     @property
+    def peers(self) -> tuple[Member, ...]:
+        """The peers here."""
+        return tuple(member for member in self.every_peer if self.is_mine(member.msp_id))
+
+    @property
+    def orderers(self) -> tuple[Member, ...]:
+        """The orderers here."""
+        return tuple(member for member in self.every_orderer if self.is_mine(member.msp_id))
+
+    @property
     def organisations(self) -> tuple[Organisation, ...]:
-        """The organisations that use the channel, the authority first."""
-        return tuple(sorted(self.description.organisations, key=lambda each: each.kind != "authority"))
+        """The organisations here that use the channel, the authority first."""
+        here = [each for each in self.description.organisations if self.is_mine(each.msp_id)]
+        return tuple(sorted(here, key=lambda each: each.kind != "authority"))
 
     @property
     def msp_ids(self) -> tuple[str, ...]:
-        """All organisations, also those that only order."""
-        ordering = [each.msp_id for each in self.description.ordering.organisations]
+        """All organisations here, also those that only order."""
+        ordering = [each.msp_id for each in self.description.ordering.organisations if self.is_mine(each.msp_id)]
         return (*(each.msp_id for each in self.organisations), *ordering)
 
     @property
     def endorsers(self) -> tuple[str, ...]:
-        """The organisations that run the contract."""
-        return self.description.contract.policy.organisations
+        """The organisations here that run the contract."""
+        return tuple(each for each in self.description.contract.policy.organisations if self.is_mine(each))
 
     def first_peer(self, msp_id: str) -> Member:
         """An organisation's first peer."""
@@ -157,7 +188,7 @@ class Network:
 
     def consenters(self) -> tuple[Consenter, ...]:
         """The orderers as the channel's configuration names them. Raises `DirectoryStateError` without certificates."""
-        return tuple(self.consenter(member) for member in self.orderers)
+        return tuple(self.consenter(member) for member in self.every_orderer)
 
     def consenter(self, member: Member) -> Consenter:
         """One orderer as the channel's configuration names it."""
@@ -194,12 +225,13 @@ class Network:
 
     def broadcast(self, member: Member) -> Broadcast:
         """An orderer, to hand over changes of the configuration to."""
-        organisation = self.directory.organisation(member.msp_id)
+        shown = member.msp_id if self.is_mine(member.msp_id) else self.msp_ids[0]
+        orders = any(each.msp_id == shown for each in self.orderers)
         return Broadcast(
             member.component,
             self.address(member),
-            organisation.tls_root.read_bytes(),
-            organisation.tls_identity(MSP_ADMIN),
+            self.directory.organisation(member.msp_id).tls_root.read_bytes(),
+            self.directory.organisation(shown).tls_identity(MSP_ADMIN if orders else CLIENT),
         )
 
     async def peer_admins(self, stack: AsyncExitStack) -> list[PeerAdmin]:

@@ -13,10 +13,11 @@ from wonderland_fabric_network.description import EACH
 from wonderland_fabric_network.errors import DirectoryStateError, PortInUseError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
     from pathlib import Path
 
     from wonderland_fabric_network.description import NetworkDescription
+    from wonderland_fabric_network.membership import Membership
 
 FREE_RANGE: Final = (15_000, 32_000)
 """Below the range from which systems take the ports of outgoing connections: those could be taken while we are down."""
@@ -44,8 +45,8 @@ class Ports:
         return tuple(port for name, port in self.by_name.items() if name.startswith(f"{component}/"))
 
 
-def needed(description: NetworkDescription) -> tuple[str, ...]:
-    """The names of all ports that a network needs."""
+def needed(description: NetworkDescription, mine: Collection[str] | None = None) -> tuple[str, ...]:
+    """The names of all ports that a network needs; those of some organisations of it."""
     names: list[str] = []
     for ordering in description.ordering.organisations:
         names += _of(ordering.msp_id, "ca", "listen", "operations")
@@ -56,19 +57,24 @@ def needed(description: NetworkDescription) -> tuple[str, ...]:
         names += _of(organisation.msp_id, "contract", "a", "b", "metrics-a", "metrics-b")
         for index in range(organisation.peers):
             names += _of(organisation.msp_id, f"peer{index}", "listen", "chaincode", "operations")
-    return tuple(names)
+    return tuple(name for name in names if mine is None or name.partition("/")[0] in mine)
 
 
-def allot(path: Path, description: NetworkDescription, random_bytes: Callable[[int], bytes]) -> Ports:
+def allot(
+    path: Path,
+    description: NetworkDescription,
+    random_bytes: Callable[[int], bytes],
+    membership: Membership | None = None,
+) -> Ports:
     """The ports of ports.json, with new ones for what has none yet; written before they are used.
 
-    Components with hosts of their own have the usual ports, and no file. Raises `PortInUseError`,
-    `DirectoryStateError`.
+    `membership`: only some organisations are here, and the others' ports are on their cards. Components with hosts of
+    their own have the usual ports, and no file. Raises `PortInUseError`, `DirectoryStateError`.
     """
     if description.hosts == EACH:
         return Ports({name: _usual(name) for name in needed(description)})
     known = _load(path) if path.exists() else {}
-    names = needed(description)
+    names = needed(description, None if membership is None else membership.mine)
     missing = [name for name in names if name not in known]
     if missing:
         chosen = (
@@ -78,7 +84,7 @@ def allot(path: Path, description: NetworkDescription, random_bytes: Callable[[i
         )
         known.update(chosen)
         write_atomic(path, json.dumps(known, indent=1).encode() + b"\n", PUBLIC)
-    return Ports({name: known[name] for name in names})
+    return Ports({name: known[name] for name in names} | ({} if membership is None else membership.ports))
 
 
 def require_free(host: str, ports: Iterable[int], component: str) -> None:

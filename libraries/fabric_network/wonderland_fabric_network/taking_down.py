@@ -36,7 +36,13 @@ def destroy(network: Network) -> None:
     if running:
         raise DirectoryStateError(f"{', '.join(running)} still run; `wonderland network down` stops them")
     try:
-        for each in (directory.path / "organisations", directory.run, directory.logs, directory.builder):
+        for each in (
+            directory.path / "organisations",
+            directory.run,
+            directory.logs,
+            directory.builder,
+            directory.members,
+        ):
             if each.exists():
                 shutil.rmtree(each)
         for file in (
@@ -45,6 +51,7 @@ def destroy(network: Network) -> None:
             directory.block_file,
             directory.ports_file,
             directory.lock_file,
+            directory.mine_file,
             directory.description_file,  # the last one: until it is gone, there is a network to destroy
         ):
             file.unlink(missing_ok=True)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from wonderland_fabric_network import certificates, lifecycle
 from wonderland_fabric_network.agreement import Agreement, load_agreement, save_agreement
-from wonderland_fabric_network.bringing_up import PROBE, ensure_contract_tls
+from wonderland_fabric_network.bringing_up import ensure_contract_tls
 from wonderland_fabric_network.concurrency import together
 from wonderland_fabric_network.contract import (
     SLOTS,
@@ -54,6 +54,7 @@ async def upgrade(network: Network, report: Report, *, endorsement: str | None =
     Returns the network with its changed description, too.
     """
     network.require_here()
+    network.require_whole()
     if endorsement is not None:
         network = network.with_description(network.description.with_endorsement(endorsement))
     installed = installed_contract(network.description.contract.package)
@@ -149,7 +150,7 @@ class _Upgrading:
         inspector = certificates.signing_identity(
             authority, self._network.directory.organisation(authority).identity("inspector")
         )
-        await lifecycle.wait_answering(self._peers[0], inspector, self._network.channel, self._name, PROBE)
+        await lifecycle.wait_answering(self._peers[0], inspector, self._network.channel, self._name, lifecycle.PROBE)
 
     async def _retire(self, slot: str) -> None:
         """End the servers of the version before; they finish what they have."""

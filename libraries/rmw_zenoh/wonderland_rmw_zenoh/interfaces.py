@@ -18,6 +18,8 @@ from wonderland_rmw_zenoh.standard import SERVICES
 from wonderland_rmw_zenoh.type_hash import service_hash, type_hash
 from wonderland_rmw_zenoh.wire import is_type
 
+SHARE: Final = Path(__file__).parent / "share"
+"""Where the definitions of ``wonderland_msgs`` are, which colcon builds."""
 _STORES: Final = (Stores.ROS2_JAZZY, Stores.ROS2_KILTED, Stores.ROS2_LYRICAL, Stores.ROS2_IRON)
 """Releases whose peers have type hashes, the one that most run first."""
 _DIVIDER: Final = re.compile(r"^---\s*$", re.MULTILINE)

@@ -308,6 +308,11 @@ class Node:
             raise SessionError("the node is not open")
         return self._session
 
+    def meets_somebody(self) -> bool:
+        """Whether a router or a peer is connected just now."""
+        info = self.session.info
+        return bool(info.routers_zid() or info.peers_zid())
+
     def endpoints(self, kind: Kind, name: str | None = None) -> list[Endpoint]:
         """Who else publishes, hears, serves or calls; also this node's own."""
         return [each for each in self._graph.values() if each.kind == kind and name in {None, each.name}]

@@ -17,9 +17,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from rich.console import Console
 from rich.table import Table
 
+from wonderland.consoles import for_people
 from wonderland_research.attack_lab.wire_ledger import LedgerAttacker
 from wonderland_research.attack_lab.wire_sites import (
     LEVEL,
@@ -177,7 +177,7 @@ async def run_wire(
 
     ``report``: a directory for ``wire.json`` and ``wire.md``.
     """
-    console = Console(stderr=as_json, highlight=False)
+    console = for_people(stderr=as_json)
     there = specs()
     wanted = [name for name in (names or there) if name in there]
     started = time.monotonic()

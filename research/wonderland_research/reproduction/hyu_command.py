@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from wonderland.consoles import for_people
 from wonderland_research.reproduction import hyu_figures
 from wonderland_research.reproduction.document import Cell, Document
 from wonderland_research.reproduction.goals import Goal
@@ -47,7 +47,7 @@ HEADER: Final = (
 
 def run(data: Path, *, seed: int, rounds: int, quick: bool, out: Path | None, as_json: bool) -> int:
     """Measure and print; the exit code. Raises RecordingError and CommissioningError."""
-    console = Console(stderr=as_json, highlight=False)
+    console = for_people(stderr=as_json)
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("Fitting")
         result = measure(

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
+from wonderland.consoles import for_people
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.policies import Policy
 from wonderland_edge_agent.commissioning.choice import fit_best
@@ -155,7 +155,7 @@ HEADER: Final = ("known", "n", "verif.", "open", "ref.", *(f"{size:g} m" for siz
 
 def run(data: Path, *, rounds: int, quick: bool, as_json: bool) -> int:
     """Measure and print; the exit code."""
-    console = Console(stderr=as_json, highlight=False)
+    console = for_people(stderr=as_json)
     found = []
     for one in measure(data, rounds=rounds, quick=quick):
         found.append(one)

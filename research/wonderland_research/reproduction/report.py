@@ -12,6 +12,7 @@ from typing import Any, Final
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from wonderland.consoles import for_people
 from wonderland.proofs.records.sessions import STEP_NAMES
 from wonderland_research.attack_lab.model import LabResult, percent, share
 from wonderland_research.attack_lab.plots import draw_permissions
@@ -60,7 +61,7 @@ class Results:
 
 def run(settings: ReportSettings) -> int:
     """Measure, write the page, say where it is; the exit code: 1 where a goal was missed."""
-    console = Console(highlight=False)
+    console = for_people()
     results = measure_all(settings, console)
     document = compose(settings, results)
     settings.out.parent.mkdir(parents=True, exist_ok=True)

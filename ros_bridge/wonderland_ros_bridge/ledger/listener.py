@@ -39,9 +39,15 @@ class Choice(Table, frozen=True):
 
     senders: Annotated[tuple[Pattern, ...], Meta(min_length=1)]
     """``MSP/common name`` of whose transactions this robot hears, as patterns. Say ``["*"]`` where all may speak."""
-    topic: Annotated[str, Meta(min_length=2, max_length=255, pattern=r"\A(?:/|\{topic\})[A-Za-z0-9_/{}]*\Z")] = (
-        "/ledger/{bridge}{topic}"
-    )
+    topic: Annotated[
+        str,
+        Meta(
+            min_length=2,
+            max_length=255,
+            pattern=r"\A(?:/|\{topic\})[A-Za-z0-9_/{}]*\Z",
+            examples=["/ledger/{bridge}{topic}"],
+        ),
+    ] = "/ledger/{bridge}{topic}"
     """Where to: ``{bridge}`` and ``{topic}`` are those from which the messages come, ``{event}`` is the event."""
     events: tuple[Pattern, ...] = ("Asset*",)
     """Names of the ledger’s events."""

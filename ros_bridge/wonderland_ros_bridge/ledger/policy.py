@@ -16,13 +16,15 @@ NOT_BY_PATTERN: Final = ("/ledger/", "/rosout")
 MAX_INLINE_BYTES: Final = 256 * 1024
 """In Base64 and with what stands around it, this fits into an asset (512 Ki characters)."""
 
-Topic = Annotated[str, Meta(min_length=2, max_length=255, pattern=r"\A/[A-Za-z0-9_/]+\Z")]
+Topic = Annotated[str, Meta(min_length=2, max_length=255, pattern=r"\A/[A-Za-z0-9_/]+\Z", examples=["/pose"])]
 
 
 class Rule(Table, frozen=True):
     """``[[to_ledger]]``: topics, and what becomes of their messages."""
 
-    topic: Annotated[str, Meta(min_length=2, max_length=255, pattern=r"\A/[A-Za-z0-9_/*?\[\]]+\Z")]
+    topic: Annotated[
+        str, Meta(min_length=2, max_length=255, pattern=r"\A/[A-Za-z0-9_/*?\[\]]+\Z", examples=["/pose", "/uav/*"])
+    ]
     """A name, or a pattern (``/uav/*``): topics that fit are taken as they appear."""
     type: Annotated[str, Meta(pattern=r"\A[A-Za-z0-9_]+/(?:msg/)?[A-Za-z0-9_]+\Z")] | None = None
     """The only type that is taken; without it, any."""

@@ -17,6 +17,7 @@ from wonderland.lazy_commands import LazyGroup
         "rejected": ("wonderland_ros_bridge.spool_commands:rejected", "Show what the ledger refused, and why."),
         "status": ("wonderland_ros_bridge.spool_commands:status", "Say what waits for the ledger."),
         "interfaces": ("wonderland_ros_bridge.ros2.interfaces_command:interfaces", "Write the interface package."),
+        "router": ("wonderland_ros_bridge.ros2.router_command:router", "Be what peers meet at, without ROS."),
         "run": ("wonderland_ros_bridge.ros2.run_command:run", "Work until told to stop."),
     },
 )

@@ -8,8 +8,10 @@ from typing import Final
 
 import click
 
-DIRECTORY: Final = Path(__file__).parent / "interfaces"
-"""As ``Interfaces`` reads it."""
+from wonderland_rmw_zenoh.interfaces import SHARE
+
+DIRECTORIES: Final = (SHARE, Path(__file__).parent / "interfaces")
+"""As ``Interfaces`` reads them: our own, and those of Open-RMF."""
 PACKAGE: Final = "wonderland_msgs"
 
 
@@ -21,7 +23,7 @@ def interfaces(*, directory: Path) -> None:
     if target.exists():
         raise click.ClickException(f"{target} is there already; remove it first, or name another directory")
     try:
-        shutil.copytree(DIRECTORY / PACKAGE, target, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(SHARE / PACKAGE, target, ignore=shutil.ignore_patterns("__pycache__"))
     except OSError as cause:
         raise click.ClickException(f"{target}: cannot be written ({cause.strerror or cause})") from cause
     click.echo(f"{target} is written: colcon build --packages-select {PACKAGE}")

@@ -25,7 +25,7 @@ from wonderland_rmw_zenoh.interfaces import Interfaces
 from wonderland_rmw_zenoh.node import Node, Publication
 from wonderland_rmw_zenoh.wire import Qos
 from wonderland_ros_bridge.ros2 import pad_messages as says
-from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORY
+from wonderland_ros_bridge.ros2.interfaces_command import DIRECTORIES
 from wonderland_ros_bridge.ros2.open_rmf import OpenRmf
 from wonderland_ros_bridge.ros2.parameters import Parameters
 from wonderland_ros_bridge.ros2.prove_location import ProveLocation
@@ -70,7 +70,7 @@ class PadNode:
         self._node = node
         self._ledger = ledger
         self._clock = clock
-        self._types = Interfaces([DIRECTORY])
+        self._types = Interfaces(DIRECTORIES)
         self._parameters = Parameters()
         self._pad: Pad | None = None
         self._health: telemetry.Health | None = None

@@ -10,6 +10,7 @@ import signal
 import time
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
+from typing import Final
 
 import click
 
@@ -23,7 +24,7 @@ from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_rmw_zenoh.errors import Ros2Error
 from wonderland_rmw_zenoh.node import Node
-from wonderland_ros_bridge.checking import choice_in_words, rule_in_words
+from wonderland_ros_bridge.checking import choice_in_words, rule_in_words, who_in_words
 from wonderland_ros_bridge.errors import BridgeError
 from wonderland_ros_bridge.ledger.outbox import Outbox
 from wonderland_ros_bridge.ros2.pad_node import PadNode
@@ -31,6 +32,9 @@ from wonderland_ros_bridge.ros2.reports import listening
 from wonderland_ros_bridge.ros2.settings import Settings, load
 from wonderland_ros_bridge.ros2.topics import Topics
 from wonderland_ros_bridge.together import run_together
+
+_log = logging.getLogger(__name__)
+COMPANY_S: Final = 2.0
 
 
 @click.command()
@@ -57,9 +61,10 @@ def run(*, path: Path, as_json: bool, check: bool, verbose: bool) -> None:
 
 
 def explained(settings: Settings) -> Iterator[str]:
-    """Lines for people."""
+    """Lines for people. Raises LedgerError for a connection file that says not enough."""
     ros2, pad = settings.ros2, settings.pad
     yield f"It is node {settings.node} in domain {ros2.domain}."
+    yield who_in_words(settings.ledger)
     if pad is not None:
         yield f"Pad {pad.pad_id}: its frame is {pad.frame}, within {pad.map_frame}."
         yield f"The pad's agent is heard on {pad.reports} (local_reports in pad.toml)."
@@ -94,6 +99,7 @@ async def opened(settings: Settings) -> AsyncIterator[list[PadNode | Topics]]:
             stack.callback(outbox.close)
         made = Node(settings.node, settings.ros2.link(), domain=settings.ros2.domain)
         node = await stack.enter_async_context(made)
+        await stack.enter_async_context(_told_who_is_missing(node, ", ".join(settings.ros2.connect)))
         if settings.pad is not None:
             pad = PadNode(settings.pad, node, ledger, SteadyClock())
             await stack.enter_async_context(listening(settings.pad.reports, pad.report))
@@ -101,6 +107,32 @@ async def opened(settings: Settings) -> AsyncIterator[list[PadNode | Topics]]:
         if outbox is not None:
             parts.append(Topics(settings, node, outbox, ledger, clock=_now_ms, steady=SteadyClock()))
         yield parts
+
+
+@contextlib.asynccontextmanager
+async def _told_who_is_missing(node: Node, where: str) -> AsyncIterator[None]:
+    """Inside, the log says once that nobody is reached, and once that somebody is."""
+
+    async def watch() -> None:
+        told = False
+        while True:
+            await asyncio.sleep(COMPANY_S)
+            if (missing := not node.meets_somebody()) == told:
+                continue
+            told = missing
+            if missing:
+                _log.warning(
+                    "no router and no peer of ROS 2 is reached at %s: `wonderland ros2 router`, or ROS’s own", where
+                )
+            else:
+                _log.info("a router or peer of ROS 2 is reached again")
+
+    watching = asyncio.create_task(watch())
+    try:
+        yield
+    finally:
+        watching.cancel()
+        await asyncio.gather(watching, return_exceptions=True)
 
 
 def _now_ms() -> int:

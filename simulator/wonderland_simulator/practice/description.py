@@ -155,6 +155,20 @@ class RemoteId(_Part):
     """Further addresses: its own agent (``--remote-id``), a receiver of yours."""
 
 
+class Autopilot(_Part):
+    """A real one in simulation flies the vehicle: ArduPilot's copter, which the world starts."""
+
+    program: Path
+    """``arducopter``, built for the board ``sitl``."""
+    ground_station: _Address = Field(default="127.0.0.1:14550", validate_default=True)
+    """Where it looks for whoever flies it: where QGroundControl, MAVProxy and MAVSDK listen by themselves."""
+    parameters: Annotated[
+        dict[Annotated[str, Field(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")], Annotated[float, Field(strict=True)]],
+        Field(max_length=200),
+    ] = {}
+    """Beside those that fly a copter at once."""
+
+
 class Vehicle(_Part):
     """A drone on its way: it starts at its first waypoint."""
 
@@ -169,6 +183,8 @@ class Vehicle(_Part):
     """Where its node's port appears; ``ports/UAV_ID`` beside the file unless given."""
     position: _Address | None = None
     """Where its autopilot sends its position (``--position udp:…``); assigned unless given."""
+    autopilot: Autopilot | None = None
+    """A real one in simulation; then its path is the one place where it stands at first."""
     path: Annotated[tuple[Waypoint, ...], Field(min_length=1, max_length=1_000)]
     repeat: _Flag = False
     """From the last waypoint back to the first, and again."""

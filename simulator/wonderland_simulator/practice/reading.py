@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from wonderland.toml_settings import Address
 from wonderland_edge_agent.commissioning.errors import SurveyError
 from wonderland_edge_agent.commissioning.survey_files import load_survey
 from wonderland_fabric_network.strict_yaml import StrictYaml, YamlError, read_yaml
+from wonderland_simulator.configs import written
 from wonderland_simulator.pads_air import node_name
 from wonderland_simulator.practice.boards import DRONE_ADDRESS
 from wonderland_simulator.practice.description import Fault, Pad, ScenarioFile, Vehicle, place_of
@@ -62,6 +64,17 @@ class VehiclePlan:
     position: Address | None
     """None: its autopilot is silent."""
     track: Path | None
+    program: Path | None
+    """Its autopilot's, where it has a real one."""
+    files: Path
+    """Directory for what that keeps."""
+
+    @property
+    def position_option(self) -> str:
+        """``--position`` of its agent; empty where its autopilot is silent."""
+        if self.position is None:
+            return ""
+        return f"{'udp' if self.told.autopilot is None else 'mavlink:udp'}:{written(self.position)}"
 
     @property
     def spec(self) -> DroneSpec:
@@ -208,6 +221,8 @@ def complete(file: ScenarioFile, directory: Path) -> tuple[Scenario, list[Proble
             DRONE_ADDRESS + index if node == DWM1001 else None,
             each.position or next(free),
             None if each.track is None else _plain(directory / each.track),
+            None if each.autopilot is None else (directory / each.autopilot.program).resolve(),
+            directory / "autopilots" / each.uav_id,
         )
         for index, (each, node) in enumerate(zip(file.vehicles, nodes, strict=True))
     )
@@ -266,6 +281,7 @@ def _contradictions(scenario: Scenario, faults: Sequence[Fault]) -> Iterator[Pro
             yield Problem((*place, "pad"), f"is {vehicle.told.pad!r}, and no pad of this file; {', '.join(kinds)} are")
         if vehicle.told.lies.gnss_drag is not None and vehicle.told.lies.gnss_jump is not None:
             yield Problem((*place, "lies"), "has gnss_drag and gnss_jump; a receiver is led away in one way")
+        yield from _of_its_autopilot(vehicle, place)
     flying = {vehicle.told.uav_id for vehicle in scenario.vehicles}
     for index, fault in enumerate(faults):
         at = ("faults", index)
@@ -276,6 +292,25 @@ def _contradictions(scenario: Scenario, faults: Sequence[Fault]) -> Iterator[Pro
             yield Problem((*at, "by_m"), "and what: move go together")
         elif fault.what == "move" and fault.node in flying:
             yield Problem((*at, "what"), "is 'move', and that is for anchors; vehicles move by their path")
+
+
+def _of_its_autopilot(vehicle: VehiclePlan, place: tuple[Step, ...]) -> Iterator[Problem]:
+    """What a real one does not do because a file says so."""
+    told = vehicle.told
+    if told.autopilot is None or vehicle.program is None:
+        return
+    if not (vehicle.program.is_file() and os.access(vehicle.program, os.X_OK)):
+        yield Problem(
+            (*place, "autopilot", "program"),
+            f"is {vehicle.program}, and no program; build ArduPilot's copter for the board sitl (docs/practise.md)",
+        )
+    if len(told.path) > 1:
+        yield Problem((*place, "path"), "has more than the place where it stands: whoever flies its autopilot leads it")
+    told_by_file = told.model_fields_set & {"repeat", "start_s", "gnss_sigma_m"}
+    for name in sorted(told_by_file):
+        yield Problem((*place, name), "is not for a vehicle with an autopilot")
+    for name in sorted(told.lies.model_fields_set - {"gnss_drag", "gnss_jump", "ranges", "replay"}):
+        yield Problem((*place, "lies", name), "is not for a vehicle with an autopilot: its agent claims what that says")
 
 
 def _only_once(seen: dict[Any, str], value: object, place: tuple[Step, ...]) -> Iterator[Problem]:

@@ -31,7 +31,9 @@ def what_to_enter(scenario: Scenario) -> Iterator[str]:
         if each.board is not None:
             yield f"  node = dwm1001-anchor, board = {each.board:04x}, report_to = its pad's uwb.listen"
         if each.position is not None:
-            yield f"  position = udp:{each.position[0]}:{each.position[1]}"
+            yield f"  position = {each.position_option}"
+        if each.told.autopilot is not None:
+            yield "  its autopilot looks for a ground station at {}:{}".format(*each.told.autopilot.ground_station)
 
 
 def state_of(port: PtyPort) -> str:
@@ -49,14 +51,14 @@ def state_of(port: PtyPort) -> str:
 
 def table(world: PracticeWorld, said: list[str]) -> RenderableType:
     """Everything as it is now, and what was said last."""
-    vehicles = Table("Vehicle", "Node", "Waypoint", "Is at (E, N, U m)", "Claims (E, N, U m)", "Off", expand=True)
+    vehicles = Table("Vehicle", "Node", "Way", "Is at (E, N, U m)", "Claims (E, N, U m)", "Off", expand=True)
     for uav_id, tour in world.tours.items():
         claimed = tour.claimed_m
         off = "" if claimed is None else f"{math.dist(claimed, tour.flight.position):.2f} m"
         vehicles.add_row(
             uav_id,
             state_of(world.ports[uav_id]),
-            f"{tour.leg + 1} of {tour.waypoints}",
+            tour.doing,
             _place(tour.flight.position),
             "" if claimed is None else _place(claimed),
             off,

@@ -30,18 +30,18 @@ class Tour(Flyer):
             told.pad,
             frame,
             Flight(place_of(told.path[0])),
-            Gnss(rng, told.gnss_sigma_m, spoofing=_spoofing(told.lies)),
-            attack=_attack(told.lies),
+            Gnss(rng, told.gnss_sigma_m, spoofing=spoofing(told.lies)),
+            attack=attack(told.lies),
             broadcast_off_m=told.remote_id.off_m,
         )
 
     @property
-    def waypoints(self) -> int:
-        """How many there are."""
-        return len(self._path)
+    def doing(self) -> str:
+        """Which waypoint it flies to, or waits at."""
+        return f"{self.leg + 1} of {len(self._path)}"
 
-    def step(self, t_s: float, dt_s: float) -> bool:
-        """Move on by ``dt_s`` to the time ``t_s`` (s since the start). Whether it sets out to another waypoint."""
+    def step(self, t_s: float, dt_s: float) -> str:
+        """Move on by ``dt_s`` to the time ``t_s`` (s since the start). What is worth saying; mostly nothing is."""
         goes_on = self.leg + 1 < len(self._path) or (self._repeat and len(self._path) > 1)
         sets_out = goes_on and t_s >= self._until_s and self._there(t_s)
         if sets_out:
@@ -52,7 +52,7 @@ class Tour(Flyer):
             self._until_s = t_s + self._path[self.leg].wait_s
         self.steer(place_of(self._path[self.leg]), t_s)
         self.flight.step(dt_s)
-        return sets_out
+        return f"sets out to waypoint {self.doing}" if sets_out else ""
 
     def _there(self, t_s: float) -> bool:
         """By its receiver: who leads that away leads the vehicle away."""
@@ -61,7 +61,8 @@ class Tour(Flyer):
         return math.dist(read, place_of(self._path[self.leg])) < ARRIVED_M
 
 
-def _spoofing(lies: Lies) -> Spoofing:
+def spoofing(lies: Lies) -> Spoofing:
+    """What is done to its receiver."""
     if lies.gnss_drag is not None:
         drag = lies.gnss_drag
         return SlowDrag(drag.from_s, drag.speed_m_s, drag.bearing_deg, drag.limit_m)
@@ -70,7 +71,8 @@ def _spoofing(lies: Lies) -> Spoofing:
     return NoSpoofing()
 
 
-def _attack(lies: Lies) -> AttackSpec:
+def attack(lies: Lies) -> AttackSpec:
+    """What it does itself."""
     off: Sequence[float] = lies.claim_off_m or (0.0, 0.0, 0.0)
     return AttackSpec(
         "scenario",

@@ -20,6 +20,7 @@ from wonderland_simulator.broadcaster import Fix, frame
 from wonderland_simulator.pads_air import PadsAir, node_name
 from wonderland_simulator.practice.boards import Boards
 from wonderland_simulator.practice.description import Fault
+from wonderland_simulator.practice.piloted import Piloted
 from wonderland_simulator.practice.reading import PadPlan, Scenario, VehiclePlan
 from wonderland_simulator.practice.tour import Tour
 from wonderland_simulator.uci_node import PtyPort, plugged
@@ -38,12 +39,7 @@ class PracticeWorld:
         self.scenario = scenario
         self._say = say
         self._frames = {pad.told.pad_id: pad.site.frame for pad in scenario.pads}
-        self.tours = {
-            each.told.uav_id: Tour(
-                each.told, self._frames[each.told.pad], random.Random(f"{scenario.seed}/{each.told.uav_id}")
-            )
-            for each in scenario.vehicles
-        }
+        self.tours = {each.told.uav_id: self._flyer(number, each) for number, each in enumerate(scenario.vehicles)}
         replaying = frozenset(each.told.uav_id for each in scenario.vehicles if each.told.lies.replay)
         self._air = PadsAir([pad.site for pad in scenario.pads], self.tours, seed=scenario.seed, replaying=replaying)
         self.ports: dict[str, PtyPort] = {}
@@ -61,6 +57,12 @@ class PracticeWorld:
         self._start_s = 0.0
         self._tracks: dict[str, TextIO] = {}
 
+    def _flyer(self, number: int, plan: VehiclePlan) -> Tour | Piloted:
+        frame = self._frames[plan.told.pad]
+        if plan.told.autopilot is not None:
+            return Piloted(plan, frame, number)
+        return Tour(plan.told, frame, random.Random(f"{self.scenario.seed}/{plan.told.uav_id}"))
+
     @property
     def now_s(self) -> float:
         """Seconds since the start."""
@@ -73,7 +75,7 @@ class PracticeWorld:
 
     async def run(self, ready: Callable[[], None]) -> None:
         """Until cancelled; calls ``ready`` once every port is there. Raises OSError."""
-        with contextlib.ExitStack() as stack:
+        async with contextlib.AsyncExitStack() as stack:
             out = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
             out.setblocking(False)
             impostors = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -85,6 +87,11 @@ class PracticeWorld:
                     self._tracks[each.told.uav_id] = track
             stack.callback(self._air.air.close)
             stack.enter_context(plugged(list(self.ports.values())))
+            for address in sorted(self._told()):
+                stack.enter_context(_alone(address))
+            for flyer in self.tours.values():
+                if isinstance(flyer, Piloted):
+                    await stack.enter_async_context(flyer)
             self._start_s = due_s = time.monotonic()
             ready()
             tick = 0
@@ -96,6 +103,17 @@ class PracticeWorld:
                 tick += 1
                 self._break(self.now_s)
                 self._fly(out, impostors, tick, self.now_s)
+
+    def _told(self) -> set[Address]:
+        """Where its datagrams go."""
+        found = {
+            each.position
+            for each in self.scenario.vehicles
+            if each.position is not None and each.told.autopilot is None
+        }
+        if any(not each.told.remote_id.silent or each.told.remote_id.impostor_m for each in self.scenario.vehicles):
+            found |= {pad.remote_id for pad in self.scenario.pads}
+        return found
 
     def _break(self, t_s: float) -> None:
         while self._faults and self._faults[0].at_s <= t_s:
@@ -119,11 +137,11 @@ class PracticeWorld:
         now_ms = time.time_ns() // 1_000_000
         for index, each in enumerate(self.scenario.vehicles):
             uav_id, tour = each.told.uav_id, self.tours[each.told.uav_id]
-            if tour.step(t_s, TICK_S):
-                self._say(t_s, f"{uav_id} sets out to waypoint {tour.leg + 1} of {tour.waypoints}")
-            if tick % POSITION_EVERY == 0:
-                fix = tour.fix(t_s, now_ms)
-                if each.position is not None:
+            said = tour.step(t_s, TICK_S)
+            if said:
+                self._say(t_s, f"{uav_id} {said}")
+            if tick % POSITION_EVERY == 0 and (fix := tour.fix(t_s, now_ms)) is not None:
+                if each.position is not None and each.told.autopilot is None:
                     send_position(out, each.position, claim_of(fix))
                 if (tick + index * 2) % BROADCAST_EVERY == 0:
                     self._broadcast(out, impostors, each, fix)
@@ -150,6 +168,22 @@ class PracticeWorld:
 
     def _in_earshot(self, sender: Fix) -> list[Address]:
         return [pad.remote_id for pad in self.scenario.pads if self._air.hears(pad.told.pad_id, sender)]
+
+
+def _alone(address: Address) -> socket.socket:
+    """Held as long as a world tells this address where its drones are: two would mix theirs. Raises OSError."""
+    host, port = address
+    lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    try:
+        lock.bind(f"\0wonderland-world/{host}:{port}")  # the system lets go of it with the process
+    except OSError as error:
+        lock.close()
+        raise OSError(
+            error.errno,
+            f"another world on this machine sends to {host}:{port}; end it, or give this scenario's pads and vehicles "
+            "addresses of their own (remote_id, position)",
+        ) from error
+    return lock
 
 
 def _pack(serial: str, pad: PadPlan, fix: Fix) -> bytes:

@@ -9,41 +9,27 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections import deque
 from types import TracebackType
 from typing import Any, Final, Self
 
-from wonderland.attested import attested_position
 from wonderland.clock import Clock
-from wonderland_remote_id import BasicId, IdType, Location, Pack, RemoteIdError, decode
+from wonderland_remote_id import Location, Pack, RemoteIdError, decode
+from wonderland_uav_agent.broadcasts.positions import OwnPositions, serials
 from wonderland_uav_agent.broadcasts.source import BroadcastError
 
 _log = logging.getLogger(__name__)
 
-OLDEST_MS: Final = 1_200
-"""A position may be so old when it is sent: no older than an honest drone is excused for (600 ms at 95 %, twice)."""
-EARLIEST_MS: Final = -200
-"""And its time so far ahead of the agent's clock."""
-MAX_SENT: Final = 256
 _MAVLINK: Final = 0xFD
 
 
-class RemoteIdModule:
+class RemoteIdModule(OwnPositions):
     """The last positions that the module sent. Use as an asynchronous context manager."""
 
     def __init__(self, listen: tuple[str, int], uav_id: str, clock: Clock) -> None:
+        super().__init__(uav_id, clock)
         self._listen = listen
-        self._uav_id = uav_id
-        self._clock = clock
         self._transport: asyncio.DatagramTransport | None = None
-        self._sent: deque[tuple[int, bytes]] = deque(maxlen=MAX_SENT)
         self.datagrams = 0
-        self.bad = 0
-        """Datagrams that hold no Remote ID message."""
-        self.foreign = 0
-        """Positions of other drones."""
-        self.undated = 0
-        """Positions without a time, or with one that is not the agent's."""
 
     async def __aenter__(self) -> Self:
         loop = asyncio.get_running_loop()
@@ -72,10 +58,6 @@ class RemoteIdModule:
         host, port = self._transport.get_extra_info("sockname")[:2]
         return str(host), int(port)
 
-    def sent(self, since_ms: int) -> tuple[bytes, ...]:
-        """Digests of the positions sent since then, oldest first, each once."""
-        return tuple(dict.fromkeys(digest for sent_ms, digest in self._sent if sent_ms >= since_ms))
-
     def take_datagram(self, datagram: bytes) -> None:
         """One datagram; what is no message of this drone is counted and left out."""
         self.datagrams += 1
@@ -86,14 +68,10 @@ class RemoteIdModule:
                 self._count_bad(error)
                 continue
             messages = decoded.messages if isinstance(decoded, Pack) else (decoded,)
-            serials = {
-                message.uas_id.rstrip(" ")
-                for message in messages
-                if isinstance(message, BasicId) and message.id_type is IdType.SERIAL_NUMBER
-            }
+            named = serials(messages)
             for message in messages:
                 if isinstance(message, Location):
-                    self._position(message, serials)
+                    self._position(message, named)
 
     def _frames(self, datagram: bytes) -> list[bytes]:
         if not datagram or datagram[0] != _MAVLINK:
@@ -109,25 +87,16 @@ class RemoteIdModule:
                 frames.append(one.frame)
         return frames
 
-    def _position(self, location: Location, serials: set[str]) -> None:
-        if serials and self._uav_id not in serials:
+    def _position(self, location: Location, named: set[str]) -> None:
+        if named and self._uav_id not in named:
             self.foreign += 1
             if self.foreign == 1:
-                _log.warning("the Remote ID module broadcasts %s, not this drone's %s", min(serials), self._uav_id)
+                _log.warning("the Remote ID module broadcasts %s, not this drone’s %s", min(named), self._uav_id)
             return
         now_ms = self._clock()
-        found = attested_position(location, now_ms)
-        if found is None or not EARLIEST_MS <= now_ms - found[0] <= OLDEST_MS:
-            self.undated += 1
-            if self.undated == 1:
-                _log.warning("a broadcast is dated otherwise than by this drone's clock, and not signed for")
-            return
-        self._sent.append((now_ms, found[1]))
-
-    def _count_bad(self, error: RemoteIdError) -> None:
-        self.bad += 1
-        if self.bad == 1:
-            _log.warning("a datagram of the Remote ID module is no message: %s", error)
+        found = self._dated(location, now_ms)
+        if found is not None:
+            self._sent.append((now_ms, found[1]))
 
 
 class _Datagrams(asyncio.DatagramProtocol):

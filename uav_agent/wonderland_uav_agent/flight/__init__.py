@@ -5,7 +5,8 @@ that are acknowledged; ``guidance`` and ``precision`` find the way down by the r
 ``pilot`` joins them to a MAVLink link and to the drone's agent.
 """
 
-from wonderland_uav_agent.flight.gatekeeper import Gate, Gatekeeper
+from wonderland_uav_agent.flight.approach import Gate
+from wonderland_uav_agent.flight.gatekeeper import Gatekeeper
 from wonderland_uav_agent.flight.pilot import Pilot
 from wonderland_uav_agent.flight.settings import FlightSettings
 

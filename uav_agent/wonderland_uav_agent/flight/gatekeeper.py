@@ -4,7 +4,8 @@
 * TO_GATE: it was told to wait above the pad, and is on its way there.
 * PROVING: it waits there, and a proof is under way.
 * TO_PAD: a verdict permits the landing, and it goes above the pad first.
-* LANDING: the ledger holds a verdict that permits it; the autopilot lands.
+* LANDING: the ledger holds a verdict that permits it; the autopilot lands. What the wind takes aside goes around: above
+  the pad once more, and down from there.
 * REFUSED: no proof permitted it; it holds, or does what its settings say.
 * OVERRIDDEN: somebody else flies, a pilot or a fail-safe. That always wins: nothing more is ordered in this flight.
 """
@@ -13,13 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
 from wonderland.proofs.frame import to_local, to_wgs84
-from wonderland.proofs.records.pads import Frame
+from wonderland.proofs.records.sessions import Claim
+from wonderland_uav_agent.flight.approach import Gate, GoTo, Land, Order, Phase, Prove, Report, Return, Tell
 from wonderland_uav_agent.flight.settings import FlightSettings
+from wonderland_uav_agent.flight.touchdown import TouchDown
 from wonderland_uav_agent.flight.vehicle import Mode, Vehicle
 
 DESCENT_MM_S: Final = 300
@@ -32,71 +33,6 @@ AGAIN_MS: Final = 3_000
 """Between two proofs, and before an order that showed no effect is given again."""
 OBEYED_MS: Final = 4_000
 """So long a change of mode may take to be seen; until then the old one is nobody's will."""
-
-
-@dataclass(frozen=True, slots=True)
-class Gate:
-    """A pad at which this drone proves itself."""
-
-    pad_id: str
-    frame: Frame
-
-
-@dataclass(frozen=True, slots=True)
-class GoTo:
-    """Go there and stay: WGS-84, height above the ellipsoid."""
-
-    lat_e7: int
-    lon_e7: int
-    height_mm: int
-
-
-@dataclass(frozen=True, slots=True)
-class Land:
-    """Land here."""
-
-
-@dataclass(frozen=True, slots=True)
-class Return:
-    """Return to launch."""
-
-
-@dataclass(frozen=True, slots=True)
-class Prove:
-    """Begin a proof."""
-
-    pad_id: str
-
-
-@dataclass(frozen=True, slots=True)
-class Tell:
-    """Say this to whoever reads the log."""
-
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Report:
-    """It came down at a pad without a permission: for the ledger, and the log. ``cause`` as the contract has it."""
-
-    pad_id: str
-    cause: str
-    text: str
-
-
-Order = GoTo | Land | Return | Prove | Tell | Report
-
-
-class Phase(StrEnum):
-    """Where one approach stands."""
-
-    WATCHING = "watching"
-    TO_GATE = "to_gate"
-    PROVING = "proving"
-    TO_PAD = "to_pad"
-    LANDING = "landing"
-    REFUSED = "refused"
-    OVERRIDDEN = "overridden"
 
 
 class Gatekeeper:
@@ -125,8 +61,17 @@ class Gatekeeper:
         """The order that it followed on; the vehicle may have yet to show that it obeyed that one."""
         self._obeyed = False
         self._attempts = 0
+        self._went_around = 0
         self._proving = False
         self._resume: str | None = None
+        self._touch_down = TouchDown()
+        self._stands = False
+        """Whether it is down, and its autopilot has not noticed."""
+
+    @property
+    def landing(self) -> bool:
+        """Whether a landing that is permitted goes on."""
+        return self.phase in {Phase.TO_PAD, Phase.LANDING} and not self._stands
 
     @property
     def held_at(self) -> str | None:
@@ -163,6 +108,10 @@ class Gatekeeper:
         """To be called several times a second."""
         if vehicle.on_ground or not vehicle.armed:
             return self._on_ground(vehicle)
+        if self._stands:
+            if vehicle.mode is Mode.LANDING:
+                return []
+            self._forget()  # somebody takes off again
         if self._revoked:
             return self.revoke(self._revoked, vehicle, now_ms)
         if self.phase is Phase.OVERRIDDEN:
@@ -179,8 +128,12 @@ class Gatekeeper:
                 return self._to_gate(self._gate, vehicle, now_ms)
             case Phase.PROVING if not self._proving and now_ms - self._proved_ms >= AGAIN_MS:
                 return self._prove(self._gate)
-            case Phase.TO_PAD if self._at(self._gate, vehicle) or now_ms - self._since_ms > GATE_PATIENCE_MS:
+            case Phase.TO_PAD if self._there(self._gate, vehicle) or now_ms - self._since_ms > GATE_PATIENCE_MS:
                 return [self._turn(Phase.LANDING, Land(), vehicle, now_ms)]
+            case Phase.LANDING if isinstance(self._standing, Land):
+                self._stands = self._touch_down.look(vehicle, _above_mm(self._gate, vehicle), now_ms)
+                if self._stands:
+                    return [Tell(f"it stands at {self._gate.pad_id}; its autopilot has not noticed yet")]
             case Phase.REFUSED:
                 return self._returning(self._gate, vehicle, now_ms)
         return []
@@ -199,7 +152,7 @@ class Gatekeeper:
         if self.phase is not Phase.WATCHING and self._gate != gate:
             return f"the drone waits above another pad than {pad_id}", []
         watched = self.phase is Phase.WATCHING
-        self._gate, self._proving, self._permitted = gate, False, True
+        self._gate, self._proving, self._permitted, self._went_around = gate, False, True, 0
         if watched and vehicle.mode is Mode.OTHER:
             self.phase, self._standing = Phase.LANDING, None
             return "", [Tell(f"the ledger permits the landing at {pad_id}; the pilot flies")]
@@ -208,9 +161,29 @@ class Gatekeeper:
             return "", [told, self._turn(Phase.TO_PAD, self._place_of(gate), vehicle, now_ms)]
         return "", [told, self._turn(Phase.LANDING, Land(), vehicle, now_ms)]
 
+    def strayed(self, place_m: tuple[float, float, float], vehicle: Vehicle, now_ms: int) -> list[Order]:
+        """On its way down the ranges have it there, so far aside that it would come down beside its pad.
+
+        The place above the pad is reckoned from where they have it: a receiver may be far off, and be the reason.
+        """
+        if self.phase is not Phase.LANDING or not isinstance(self._standing, Land) or self._gate is None:
+            return []
+        if self._stands or vehicle.on_ground or vehicle.mode is not Mode.LANDING:
+            return []
+        where = f"{math.hypot(*place_m[:2]):.1f} m beside {self._gate.pad_id} by the ranges"
+        if self._went_around >= self._settings.go_arounds:
+            return self.revoke(f"{where}, after {self._went_around} go-arounds", vehicle, now_ms)
+        self._went_around += 1
+        east_mm, north_mm, up_mm = (
+            there - round(1e3 * here) for there, here in zip(_local(self._gate, vehicle.claim), place_m, strict=True)
+        )
+        above = GoTo(*to_wgs84(self._gate.frame, east_mm, north_mm, up_mm + self._gate_mm))
+        told = Tell(f"{where}: going around ({self._went_around} of {self._settings.go_arounds})")
+        return [told, self._turn(Phase.TO_PAD, above, vehicle, now_ms)]
+
     def revoke(self, reason: str, vehicle: Vehicle | None, now_ms: int) -> list[Order]:
         """The permission is gone before the drone was down."""
-        if not self._permitted or (vehicle is not None and vehicle.on_ground):
+        if not self._permitted or self._stands or (vehicle is not None and vehicle.on_ground):
             return []
         if vehicle is None:
             self._revoked = reason
@@ -257,8 +230,13 @@ class Gatekeeper:
             cause = self._cause if phase is Phase.OVERRIDDEN else "not_held"
             text = f"on the ground at {gate.pad_id} without a permission: {self.why or phase.value}"
             said = [Report(gate.pad_id, cause, text)]
-        self.phase, self._gate, self._standing, self.why = Phase.WATCHING, None, None, ""
+        self._forget()
         return said
+
+    def _forget(self) -> None:
+        """What comes is another flight."""
+        self.phase, self._gate, self._standing, self.why = Phase.WATCHING, None, None, ""
+        self._permitted = self._stands = False
 
     def _watch(self, vehicle: Vehicle, now_ms: int) -> list[Order]:
         gate = self.near(vehicle)
@@ -279,7 +257,7 @@ class Gatekeeper:
         return gate is not None and gate.pad_id == pad_id and vehicle.mode is Mode.HELD
 
     def _to_gate(self, gate: Gate, vehicle: Vehicle, now_ms: int) -> list[Order]:
-        there = self._at(gate, vehicle) and vehicle.speed_mm_s <= STILL_MM_S
+        there = self._there(gate, vehicle) and vehicle.speed_mm_s <= STILL_MM_S
         if not there and now_ms - self._since_ms < GATE_PATIENCE_MS:
             return []
         self.phase = Phase.PROVING
@@ -316,13 +294,17 @@ class Gatekeeper:
     def _place_of(self, gate: Gate) -> GoTo:
         return GoTo(*to_wgs84(gate.frame, 0, 0, self._gate_mm))
 
-    def _at(self, gate: Gate, vehicle: Vehicle) -> bool:
-        return math.hypot(_aside_mm(gate, vehicle), _above_mm(gate, vehicle) - self._gate_mm) <= AT_GATE_MM
+    def _there(self, gate: Gate, vehicle: Vehicle) -> bool:
+        """Whether it is where it was told to go."""
+        assert isinstance(self._standing, GoTo)
+        return math.dist(_local(gate, vehicle.claim), _local(gate, self._standing)) <= AT_GATE_MM
 
     def _turn(self, phase: Phase, order: GoTo | Land | Return, vehicle: Vehicle, now_ms: int) -> Order:
         self.phase, self._since_ms = phase, now_ms
         self._before, self._standing, self._ordered_ms = self._standing, order, now_ms
         self._from_mode, self._obeyed = vehicle.custom_mode, False
+        if phase is Phase.LANDING and self._gate is not None:
+            self._touch_down.begin(_above_mm(self._gate, vehicle), self._gate_mm)
         return order
 
     def _insist(self, now_ms: int) -> list[Order]:
@@ -363,12 +345,13 @@ _WHO: Final = {"failsafe": "a fail-safe of the autopilot flies", "pilot": "the p
 _WHAT: Final = {"hold": "holding", "return": "returning to launch", "alternate": "going to the alternate"}
 
 
+def _local(gate: Gate, place: Claim | GoTo) -> tuple[int, int, int]:
+    return to_local(gate.frame, place.lat_e7, place.lon_e7, place.height_mm)
+
+
 def _aside_mm(gate: Gate, vehicle: Vehicle) -> float:
-    claim = vehicle.claim
-    east_mm, north_mm, _ = to_local(gate.frame, claim.lat_e7, claim.lon_e7, claim.height_mm)
-    return math.hypot(east_mm, north_mm)
+    return math.hypot(*_local(gate, vehicle.claim)[:2])
 
 
 def _above_mm(gate: Gate, vehicle: Vehicle) -> int:
-    claim = vehicle.claim
-    return to_local(gate.frame, claim.lat_e7, claim.lon_e7, claim.height_mm)[2]
+    return _local(gate, vehicle.claim)[2]

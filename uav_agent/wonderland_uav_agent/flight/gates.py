@@ -8,7 +8,8 @@ from typing import Final, Protocol
 
 from wonderland.proofs.records.pads import Pad
 from wonderland_fabric_gateway.errors import LedgerError
-from wonderland_uav_agent.flight.gatekeeper import Gate, Gatekeeper
+from wonderland_uav_agent.flight.approach import Gate
+from wonderland_uav_agent.flight.gatekeeper import Gatekeeper
 
 _log = logging.getLogger(__name__)
 

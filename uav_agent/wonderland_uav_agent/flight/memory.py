@@ -1,13 +1,15 @@
-"""At which pad the drone is held, in a file: a companion computer that starts again takes it up."""
+"""At which pad the drone is held, in a file: an agent that starts again, after a power cut too, takes it up."""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import logging
-import os
 from pathlib import Path
 from typing import Final
+
+from wonderland_fabric_gateway.errors import FileWriteError
+from wonderland_fabric_gateway.files import sync_directory, write_atomic
 
 _log = logging.getLogger(__name__)
 
@@ -49,15 +51,11 @@ class HeldMemory:
             return
         self._written = pad_id
         try:
-            if pad_id is None:
-                with contextlib.suppress(FileNotFoundError):
-                    self._path.unlink()
+            if pad_id is not None:
+                write_atomic(self._path, json.dumps({"pad_id": pad_id, "t_ms": now_ms}).encode())
                 return
-            new = self._path.with_suffix(".new")
-            with new.open("w", encoding="utf-8") as file:
-                json.dump({"pad_id": pad_id, "t_ms": now_ms}, file)
-                file.flush()
-                os.fsync(file.fileno())
-            new.replace(self._path)
-        except OSError as error:
+            with contextlib.suppress(FileNotFoundError):
+                self._path.unlink()
+                sync_directory(self._path.parent)
+        except (OSError, FileWriteError) as error:
             _log.warning("%s: cannot be written; a restart will not take up a held drone (%s)", self._path, error)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from wonderland_uav_agent.flight.gatekeeper import GoTo, Land, Return
+from wonderland_uav_agent.flight.approach import GoTo, Land, Return
 from wonderland_uav_agent.flight.vehicle import ARDUPILOT, PX4, Mode, Vehicle
 from wonderland_uav_agent.position.mavlink.messages import Acknowledged, Command, Reposition
 

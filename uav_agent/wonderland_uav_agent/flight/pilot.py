@@ -11,8 +11,9 @@ from wonderland.clock import Clock
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.pads import Commissioning
 from wonderland.proofs.records.verdicts import Verdict
+from wonderland_uav_agent.flight.approach import GoTo, Land, Order, Phase, Prove, Report, Return, Tell
 from wonderland_uav_agent.flight.arming import Arming
-from wonderland_uav_agent.flight.gatekeeper import Gatekeeper, GoTo, Land, Order, Phase, Prove, Report, Return, Tell
+from wonderland_uav_agent.flight.gatekeeper import Gatekeeper
 from wonderland_uav_agent.flight.memory import HeldMemory
 from wonderland_uav_agent.flight.orders import Orders
 from wonderland_uav_agent.flight.precision import PrecisionLanding
@@ -27,6 +28,9 @@ _log = logging.getLogger(__name__)
 
 TAKE_OFF_S: Final = 120.0
 """So long a permission to take off waits for somebody who arms."""
+
+STRAYS_MS: Final = 300
+"""A filter that has to turn with its drone may be beside it for a moment."""
 
 Begin = Callable[[str, str, Callable[[str], None]], str]
 """Begin a proof (pad, action, what is called at its end with why there is no permission); why not, or empty."""
@@ -56,6 +60,7 @@ class Pilot:
         self._clock = clock
         self._begin: Begin | None = None
         self._report: Callable[[tx.ReportLanding], None] | None = None
+        self._strays_since_ms: int | None = None
         self._looked = asyncio.Event()
 
     def board(self, link: MavlinkPosition) -> None:
@@ -91,6 +96,7 @@ class Pilot:
         vehicle = self.vehicle(now_ms)
         if vehicle is not None:
             self._do(self.gatekeeper.look(vehicle, now_ms), vehicle, now_ms)
+            self._keep_above_the_pad(vehicle, now_ms)
             self._memory.note(self.gatekeeper.held_at, now_ms)
         self._looked.set()
         commands, problem = self._orders.due(now_ms)
@@ -117,6 +123,16 @@ class Pilot:
             return []
         target = self._precision.target(gate.frame, vehicle.stack, self._system, now_ms)
         return [] if target is None else [target]
+
+    def _keep_above_the_pad(self, vehicle: Vehicle, now_ms: int) -> None:
+        gate = self.gatekeeper.landing_at
+        fix = None if gate is None or self._precision is None else self._precision.fix(gate.frame, now_ms)
+        if fix is None or not fix.strays:
+            self._strays_since_ms = None
+        elif self._strays_since_ms is None:
+            self._strays_since_ms = now_ms
+        elif now_ms - self._strays_since_ms >= STRAYS_MS:
+            self._do(self.gatekeeper.strayed(fix.place_m, vehicle, now_ms), vehicle, now_ms)
 
     def vehicle(self, now_ms: int) -> Vehicle | None:
         """What it does now; None while that is not known."""
@@ -148,7 +164,7 @@ class Pilot:
         if vehicle is not None:
             self._do(orders, vehicle, now_ms)
         try:
-            while self.gatekeeper.phase in {Phase.LANDING, Phase.TO_PAD}:
+            while self.gatekeeper.landing:
                 await self._next_look()
         except asyncio.CancelledError:
             now_ms = self._clock()
@@ -157,7 +173,7 @@ class Pilot:
             if vehicle is not None:
                 self._do(orders, vehicle, now_ms)
             raise
-        return "done" if self.gatekeeper.phase is Phase.WATCHING else self.gatekeeper.why
+        return "done" if self.gatekeeper.phase in {Phase.WATCHING, Phase.LANDING} else self.gatekeeper.why
 
     async def _let_take_off(self) -> str:
         """Arming is possible from now on, until it flies or nobody has armed it for a while."""

@@ -39,6 +39,8 @@ class FlightSettings(Table, frozen=True, kw_only=True):
     """A file that remembers where it is held, so that a restart of the agent takes it up."""
     precision: bool = True
     """Whether the way down is found by the ranges (LANDING_TARGET); else by the autopilot's position alone."""
+    go_arounds: Annotated[int, Meta(ge=0, le=20)] = 3
+    """So often one that wind takes from above its pad, by the ranges, begins its way down again; then it is held."""
     take_off_elsewhere: Literal["refuse", "allow"] = "refuse"
     """Whether it may be armed where none of its pads is; asked by PX4 alone."""
 

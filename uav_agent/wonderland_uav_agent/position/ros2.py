@@ -1,123 +1,73 @@
-"""Positions from a topic of ROS 2 (``sensor_msgs/NavSatFix``), by the wire of rmw_zenoh; on this machine alone.
+"""Positions from ROS 2, by the wire of rmw_zenoh: a topic of fixes or of odometry, or PX4's own topics.
 
-A claim says no more than the fix does: its time is that of the fix, its accuracies are worked out from the covariance,
-and a fix without one is none. Whoever reaches this machine's graph can publish on the topic; two publishers at once are
-heard as none.
+Whoever reaches this machine's graph can publish on a topic; two publishers at once, or two in one name, are heard as
+none.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from wonderland.clock import Clock
-from wonderland.proofs.errors import ProofError
+from wonderland.geoid import Geoid
 from wonderland.proofs.records.sessions import Claim
+from wonderland_uav_agent.position.fixes import FixError, claim_of
+from wonderland_uav_agent.position.mavlink.attitude import Vector
+from wonderland_uav_agent.position.odometry import Odometry, OdometrySettings
+from wonderland_uav_agent.position.px4 import Px4
+from wonderland_uav_agent.position.px4_messages import ATTITUDE, DEFINITIONS, GPS, POSITION
+from wonderland_uav_agent.position.receiver import MAX_AGE_MS
 from wonderland_uav_agent.position.source import PositionError
+from wonderland_uav_agent.position.voices import Voices
 
 if TYPE_CHECKING:
-    from wonderland_rmw_zenoh.node import Arrived
+    from wonderland_rmw_zenoh.interfaces import Interfaces, MessageType
+    from wonderland_rmw_zenoh.node import Arrived, Node
 
 _log = logging.getLogger(__name__)
 
-FORM: Final = "ros2:/TOPIC[@tcp/127.0.0.1:PORT]"
-TYPE: Final = "sensor_msgs/msg/NavSatFix"
-MAX_AGE_MS: Final = 1_000
-"""An older fix is no position of a flying drone."""
-MAX_AHEAD_MS: Final = 500
-"""So far the fix's clock may be ahead of this computer's."""
-TWO_MS: Final = 5_000
-"""Two publishers within this time are two at once."""
-HORIZONTAL_95: Final = math.sqrt(5.991)
-"""From one standard deviation of the worse direction to 95 % (χ², two degrees of freedom)."""
-VERTICAL_95: Final = 1.96
-BEYOND_ALL: Final = 1e9
-BEYOND_ALL_M2: Final = 1e12
-"""Larger numbers (and what is none) mean nothing, and would overflow."""
-_UNKNOWN: Final = 0
+FORM: Final = "ros2:/TOPIC[@tcp/127.0.0.1:PORT] or ros2:px4[:/NAMESPACE][@tcp/127.0.0.1:PORT]"
+FIX: Final = "sensor_msgs/msg/NavSatFix"
+ODOMETRY: Final = "nav_msgs/msg/Odometry"
+PX4: Final = "px4"
+MAX_BYTES: Final = 4_096
+DEPTH: Final = 2
+"""How many messages wait for this process: an older one is worth nothing."""
+SAY_MS: Final = 1_000
+"""At most one line of the log in this time."""
 
 
-class FixError(Exception):
-    """A fix that no claim may rest on; the text says why."""
+class Hearing:
+    """A node that hears topics, each message with its type, from one publisher. Use as an asynchronous context manager.
 
+    What a subclass makes of the messages is its claim.
+    """
 
-def claim_of(fix: Any, now_ms: int, after_ms: int) -> Claim:
-    """A fix as a claim; ``after_ms`` is the time of the one before. Raises FixError."""
-    if fix.status.status < 0:
-        raise FixError("the receiver has no fix")
-    t_ms = fix.header.stamp.sec * 1_000 + fix.header.stamp.nanosec // 1_000_000
-    if t_ms <= after_ms:
-        raise FixError("its time is not after that of the fix before")
-    if t_ms > now_ms + MAX_AHEAD_MS:
-        raise FixError(f"its time is {(t_ms - now_ms) / 1_000:.1f} s ahead of this computer's clock")
-    if t_ms < now_ms - MAX_AGE_MS:
-        raise FixError(f"it is {(now_ms - t_ms) / 1_000:.1f} s old, by its own time")
-    place = (fix.latitude, fix.longitude, fix.altitude)
-    if not all(abs(each) <= BEYOND_ALL for each in place):
-        raise FixError("latitude, longitude or altitude is no number, or a place nowhere")
-    horizontal_m, vertical_m = accuracies_m(
-        fix.position_covariance_type, [float(each) for each in fix.position_covariance]
-    )
-    try:
-        return Claim.parse(
-            {
-                "lat_e7": round(fix.latitude * 1e7),
-                "lon_e7": round(fix.longitude * 1e7),
-                "height_mm": round(fix.altitude * 1_000),
-                "accuracy_mm": max(1, math.ceil(horizontal_m * 1_000)),
-                "height_accuracy_mm": max(1, math.ceil(vertical_m * 1_000)),
-                "t_ms": t_ms,
-            }
-        )
-    except ProofError as error:
-        raise FixError(str(error)) from error
-
-
-def accuracies_m(kind: int, covariance: Sequence[float]) -> tuple[float, float]:
-    """Horizontal and vertical accuracy at 95 % of a covariance (east, north, up; m²). Raises FixError."""
-    if kind == _UNKNOWN:
-        raise FixError("it states no covariance (position_covariance_type 0), and so no accuracy")
-    east, north, up = covariance[0], covariance[4], covariance[8]
-    cross = (covariance[1] + covariance[3]) / 2
-    sane = all(abs(each) <= BEYOND_ALL_M2 for each in covariance)
-    if not sane or min(east, north, up) <= 0 or cross**2 > east * north:
-        raise FixError("its covariance is none (a variance that is not above 0, or no number)")
-    worst = (east + north) / 2 + math.hypot((east - north) / 2, cross)
-    return HORIZONTAL_95 * math.sqrt(worst), VERTICAL_95 * math.sqrt(up)
-
-
-class Ros2Position:
-    """The last fix that arrived, while it is fresh. Use as an asynchronous context manager."""
-
-    def __init__(self, text: str, clock: Clock) -> None:
-        """``text``: ``/TOPIC``, or ``/TOPIC@ADDRESS`` of a router or peer. Raises PositionError."""
+    def __init__(self, text: str, address: str, clock: Clock, interfaces: Sequence[Path]) -> None:
+        """Raises PositionError; ``text`` is what was asked for, ``address`` that of a router or peer."""
         try:
             from wonderland_rmw_zenoh.interfaces import Interfaces  # noqa: PLC0415 - an extra
             from wonderland_rmw_zenoh.node import Node  # noqa: PLC0415
             from wonderland_rmw_zenoh.session import ROUTER, Link  # noqa: PLC0415
-            from wonderland_rmw_zenoh.wire import is_name  # noqa: PLC0415
         except ImportError:
             raise PositionError(
                 '--position ros2:…: install what it needs: pip install "wonderland-uav-agent[ros2]"'
             ) from None
-        topic, _, address = text.partition("@")
         link = Link(connect=(address or ROUTER,))
-        problem = link.problem() if is_name(topic) else f"{topic[:100]!r} is no topic"
-        if problem:
+        if problem := link.problem():
             raise PositionError(f"--position ros2:{text}: {problem}; give {FORM}")
-        self._topic = topic
-        self._types = Interfaces()
-        self._node = Node("/wonderland_uav", link)
+        self._text = text
         self._clock = clock
-        self._last: Claim | None = None
-        self._publisher = b""
-        self._publisher_ms = 0
-        self._two_ms = 0
-        self._why = ""
+        self._types: Interfaces = Interfaces(interfaces)
+        self._node: Node = Node("/wonderland_uav", link)
+        self._voices: dict[str, Voices] = {}
+        self._whys: dict[str, str] = {}
+        self._said_ms = 0
         self._fresh = asyncio.Event()
 
     async def __aenter__(self) -> Self:
@@ -125,9 +75,9 @@ class Ros2Position:
 
         try:
             await self._node.__aenter__()
-            self._node.subscribe(self._topic, self._take, kind=self._types.message(TYPE), max_message_bytes=4_096)
+            self._subscribe()
         except Ros2Error as cause:
-            raise PositionError(f"--position ros2:{self._topic}: {cause}") from cause
+            raise PositionError(f"--position ros2:{self._text}: {cause}") from cause
         return self
 
     async def __aexit__(
@@ -136,47 +86,224 @@ class Ros2Position:
         await self._node.__aexit__(kind, error, trace)
 
     def claim(self, now_ms: int) -> Claim | None:
-        """The last fix; None when it is more than a second old, or when two publish."""
-        return None if self.why_not(now_ms) else self._last
+        """The position now; None while there is none that is fresh, or when two publish."""
+        raise NotImplementedError
 
     def why_not(self, now_ms: int) -> str:
         """Why there is no position now; empty where there is one."""
-        if self._two_ms and now_ms - self._two_ms < TWO_MS:
-            return f"two publish on {self._topic}, and which of them is the receiver cannot be told"
-        if self._last is None:
-            return self._why or f"no fix has come on {self._topic}"
-        if now_ms - self._last.t_ms > MAX_AGE_MS:
-            return self._why or f"the last fix is {(now_ms - self._last.t_ms) / 1_000:.1f} s old"
-        return ""
+        raise NotImplementedError
 
     async def wait(self, timeout_s: float) -> None:
-        """Until there is a fix. Raises PositionError."""
+        """Until there is a position. Raises PositionError."""
         try:
             async with asyncio.timeout(timeout_s):
                 await self._fresh.wait()
         except TimeoutError:
             raise PositionError(f"no position within {timeout_s:g} s: {self.why_not(self._clock())}") from None
 
-    async def _take(self, arrived: Arrived) -> None:
-        """One message. Raises DefinitionError for one that is no fix."""
-        now_ms = self._clock()
-        sender = arrived.attachment.gid
-        if self._publisher not in {b"", sender} and now_ms - self._publisher_ms < TWO_MS:
-            self._two_ms = now_ms
-        self._publisher, self._publisher_ms = sender, now_ms
+    def _subscribe(self) -> None:
+        raise NotImplementedError
+
+    def _hear(self, topic: str, kind: MessageType, take: Callable[[Arrived, int], None]) -> None:
+        """Hear a topic from now on. ``take`` may raise DefinitionError."""
+        from wonderland_rmw_zenoh.errors import DefinitionError  # noqa: PLC0415
+
+        voices = self._voices[topic] = Voices(topic)
+
+        async def heard(arrived: Arrived) -> None:
+            now_ms = self._clock()
+            voices.heard(arrived.attachment.gid, arrived.attachment.seq, now_ms)
+            try:
+                take(arrived, now_ms)
+            except DefinitionError as error:
+                self._say(topic, f"{topic}: {error}", now_ms)
+
+        self._node.subscribe(topic, heard, depth=DEPTH, max_message_bytes=MAX_BYTES, kind=kind, history=False)
+
+    def _doubled(self, now_ms: int) -> str:
+        return next((why for each in self._voices.values() if (why := each.why_not(now_ms))), "")
+
+    def _why(self) -> str:
+        """Why messages were left out that came last, by whichever topic."""
+        return "; ".join(self._whys.values())
+
+    def _well(self, topic: str) -> None:
+        self._whys.pop(topic, None)
+
+    def _say(self, topic: str, why: str, now_ms: int) -> None:
+        """A message was left out. A flood of bad ones fills no log."""
+        if why != self._whys.get(topic) and not 0 <= now_ms - self._said_ms < SAY_MS:
+            _log.warning("%s", why)
+            self._said_ms = now_ms
+        self._whys[topic] = why
+
+
+class TopicPosition(Hearing):
+    """The last fix, or pose of an odometry, that arrived, while it is fresh."""
+
+    def __init__(
+        self, text: str, address: str, clock: Clock, interfaces: Sequence[Path] = (), odometry: Odometry | None = None
+    ) -> None:
+        super().__init__(text, address, clock, interfaces)
+        self._topic = text
+        self._odometry = odometry
+        self._type = FIX if odometry is None else ODOMETRY
+        self._last: Claim | None = None
+
+    def claim(self, now_ms: int) -> Claim | None:
+        """The last one; None when it is more than a second old, or when two publish."""
+        return None if self.why_not(now_ms) else self._last
+
+    def why_not(self, now_ms: int) -> str:
+        """Why there is no position now; empty where there is one."""
+        if doubled := self._doubled(now_ms):
+            return doubled
+        if self._last is None:
+            return self._why() or f"no fix has come on {self._topic}"
+        if now_ms - self._last.t_ms > MAX_AGE_MS:
+            return self._why() or f"the last fix is {(now_ms - self._last.t_ms) / 1_000:.1f} s old"
+        return ""
+
+    def _subscribe(self) -> None:
+        self._hear(self._topic, self._types.message(self._type), self._take)
+
+    def _take(self, arrived: Arrived, now_ms: int) -> None:
         kind = self._types.of_hash(arrived.type, arrived.type_hash)
-        if kind.name != TYPE:
-            self._say(f"{self._topic} has {kind.name}, not {TYPE}")
+        if kind.name != self._type:
+            hint = "; [odometry] says where its frame lies" if kind.name == ODOMETRY else ""
+            self._say(self._topic, f"{self._topic} has {kind.name}, not {self._type}{hint}", now_ms)
             return
+        message, after_ms = kind.codec.decode(arrived.data), 0 if self._last is None else self._last.t_ms
         try:
-            self._last = claim_of(kind.codec.decode(arrived.data), now_ms, 0 if self._last is None else self._last.t_ms)
+            if self._odometry is None:
+                self._last = claim_of(message, now_ms, after_ms)
+            else:
+                self._last = self._odometry.claim_of(message, arrived.attachment.gid, now_ms, after_ms)
         except FixError as error:
-            self._say(f"a fix on {self._topic} is left out: {error}")
+            self._say(self._topic, f"a fix on {self._topic} is left out: {error}", now_ms)
             return
-        self._why = ""
+        self._well(self._topic)
         self._fresh.set()
 
-    def _say(self, why: str) -> None:
-        if why != self._why:
-            _log.warning("%s", why)
-        self._why = why
+
+class Px4Position(Hearing):
+    """What PX4's filter makes of its sensors, by its own topics."""
+
+    def __init__(
+        self,
+        text: str,
+        address: str,
+        clock: Clock,
+        interfaces: Sequence[Path] = (),
+        geoid: Geoid | None = None,
+        antenna_m: Vector = (0.0, 0.0, 0.0),
+    ) -> None:
+        super().__init__(text, address, clock, interfaces)
+        space = text.removeprefix(PX4).removeprefix(":")
+        self._px4 = Px4(_log.warning, geoid, antenna_m)
+        self._takes: dict[str, tuple[str, Callable[[Any, int], None]]] = {
+            f"{space}/fmu/out/vehicle_gps_position": (GPS, self._px4.gps),
+            f"{space}/fmu/out/vehicle_global_position": (POSITION, self._px4.position),
+        }
+        if any(antenna_m):
+            self._takes[f"{space}/fmu/out/vehicle_attitude"] = ATTITUDE, self._px4.attitude
+        self._known: dict[tuple[str, str], MessageType] = {}
+        self._has_interfaces = bool(interfaces)
+
+    def claim(self, now_ms: int) -> Claim | None:
+        """The position now; None while there is none that is fresh and complete, or when two publish."""
+        return None if self.why_not(now_ms) else self._px4.claim(now_ms)
+
+    def why_not(self, now_ms: int) -> str:
+        """Why there is no position now; empty where there is one."""
+        if why := self._doubled(now_ms) or self._px4.why_not(now_ms):
+            left_out = self._why()
+            return f"{why} ({left_out})" if left_out else why
+        return ""
+
+    def _subscribe(self) -> None:
+        self._known = known_types()
+        for topic, (kind, take) in self._takes.items():
+            newest = next(each for (name, _), each in self._known.items() if name == kind)
+            self._hear(topic, newest, self._taker(topic, kind, take))
+
+    def _taker(self, topic: str, wanted: str, take: Callable[[Any, int], None]) -> Callable[[Arrived, int], None]:
+        def took(arrived: Arrived, now_ms: int) -> None:
+            message = decoded(self._type(arrived, wanted), arrived.data)
+            try:
+                take(message, now_ms)
+            except AttributeError as cause:
+                self._say(topic, f"{topic}: its type, as --interfaces has it, has no field {cause.name}", now_ms)
+                return
+            self._well(topic)
+            if self._px4.claim(now_ms) is not None:
+                self._fresh.set()
+
+        return took
+
+    def _type(self, arrived: Arrived, wanted: str) -> MessageType:
+        """Raises DefinitionError for a type that is not the wanted one, or of which nobody says what it is."""
+        from wonderland_rmw_zenoh.errors import DefinitionError  # noqa: PLC0415
+
+        if arrived.type != wanted:
+            raise DefinitionError(f"it has {arrived.type}, not {wanted}")
+        known = self._known.get((arrived.type, arrived.type_hash))
+        if known is not None or self._has_interfaces:
+            return known or self._types.of_hash(arrived.type, arrived.type_hash)
+        raise DefinitionError(
+            f"PX4's {wanted} has type hash {arrived.type_hash}, which none of the releases known here has; give the "
+            "px4_msgs that it was built with: --interfaces DIRECTORY"
+        )
+
+
+def known_types() -> dict[tuple[str, str], MessageType]:
+    """By name and hash, the newest first."""
+    from wonderland_rmw_zenoh.definitions import Codec, parse  # noqa: PLC0415
+    from wonderland_rmw_zenoh.interfaces import MessageType  # noqa: PLC0415
+    from wonderland_rmw_zenoh.type_hash import type_hash  # noqa: PLC0415
+
+    definitions = [parse(kind, text) for kind, texts in DEFINITIONS.items() for text in texts]
+    made = [MessageType(each.type, type_hash(each), Codec(each)) for each in definitions]
+    return {(each.name, each.hash): each for each in made}
+
+
+def decoded(kind: MessageType, data: bytes) -> Any:
+    """A message of PX4's, whose Zenoh module sends its whole buffer: what follows the message is no part of it.
+
+    Raises DefinitionError.
+    """
+    return kind.codec.decode(data[: len(kind.codec.encode({}))])
+
+
+def open_ros2(
+    text: str,
+    clock: Clock,
+    *,
+    interfaces: Sequence[Path] = (),
+    geoid: Geoid | None = None,
+    antenna_m: Vector = (0.0, 0.0, 0.0),
+    odometry: OdometrySettings | None = None,
+) -> Hearing:
+    """What follows ``ros2:``. Raises PositionError."""
+    named, _, address = text.partition("@")
+    is_px4 = named.partition(":")[0] == PX4
+    topic = named.removeprefix(PX4).removeprefix(":") if is_px4 else named
+    if not (is_px4 and topic == "") and not _is_name(topic):
+        raise PositionError(f"--position ros2:{text[:200]}: {topic[:100]!r} is no topic; give {FORM}")
+    if odometry is not None and is_px4:
+        raise PositionError("[odometry]: only with --position ros2:/TOPIC; PX4 tells latitude and longitude itself")
+    if is_px4:
+        return Px4Position(named, address, clock, interfaces, geoid, antenna_m)
+    if geoid is not None:
+        raise PositionError(f"--geoid: only with mavlink:… or ros2:px4; {topic} gives heights above the ellipsoid")
+    if any(antenna_m) and odometry is None:
+        raise PositionError(f"--antenna: only with mavlink:…, ros2:px4 or [odometry]; a fix of {topic} has no attitude")
+    return TopicPosition(named, address, clock, interfaces, None if odometry is None else Odometry(odometry, antenna_m))
+
+
+def _is_name(topic: str) -> bool:
+    try:
+        from wonderland_rmw_zenoh.wire import is_name  # noqa: PLC0415
+    except ImportError:
+        return True  # what is missing is said by who opens it
+    return is_name(topic)

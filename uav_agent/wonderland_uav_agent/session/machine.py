@@ -250,7 +250,8 @@ class UavSession:
         if len(self._claims) >= MAX_CLAIMS - reserve:
             return
         claim = self._claims_now(now_ms)
-        if claim is not None:
+        # A source whose clock is set back would have the contract read claims that go backwards: it waits for them.
+        if claim is not None and (not self._claims or claim.t_ms >= self._claims[-1].t_ms):
             self._words.claim(len(self._claims), claim, now_ms)
             self._claims.append(claim)
 

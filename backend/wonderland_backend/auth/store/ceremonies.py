@@ -9,10 +9,10 @@ import orjson
 from sqlalchemy import delete, insert, select
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from wonderland.problems import said
 from wonderland_backend.auth.secret import MAX_SECRET, new_secret, sha256
 from wonderland_backend.db.tables.people import CeremonyRow
 from wonderland_backend.errors import BadRequest
-from wonderland_backend.problem_texts import said
 
 LIFE_MS: Final = 10 * 60_000
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 from sqlalchemy import delete, insert, select, update
 from sqlalchemy.ext.asyncio import AsyncConnection
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.auth.secret import MAX_SECRET, new_id, new_secret, sha256
 from wonderland_backend.context import part
@@ -15,7 +16,6 @@ from wonderland_backend.db.engine import Database
 from wonderland_backend.db.tables.people import LinkRow, PersonRow, SignInRow
 from wonderland_backend.errors import SignInRequired
 from wonderland_backend.person import Person, Role, roles_of
-from wonderland_backend.problem_texts import said
 from wonderland_backend.settings import Settings
 
 ACTIVE: Final = "active"

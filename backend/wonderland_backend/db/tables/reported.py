@@ -211,3 +211,5 @@ class InstanceRow(Base):
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     instance: Mapped[str] = mapped_column(String(32))
     created_ms: Mapped[int]
+    bus_key: Mapped[str | None] = mapped_column(String(64))
+    """With which backends of this database seal what they say to one another (`replicas.sealed`), hexadecimal."""

@@ -14,10 +14,10 @@ from fastapi.responses import Response
 from pydantic import BaseModel
 from uas_standards.interuss.automated_testing.geo_awareness.v1.constants import Scope
 
+from wonderland.problems import said
 from wonderland_backend.context import Context, ContextDep
 from wonderland_backend.errors import BadRequest, NotFound, Problem, documented
 from wonderland_backend.http.transfer import TransferError
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.tokens import ScopeMissing, TokenRefused
 from wonderland_backend.uspace.access import system_with

@@ -8,12 +8,12 @@ from fastapi import APIRouter, Query
 from fastapi.responses import Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from wonderland.problems import said
 from wonderland_backend import audit
 from wonderland_backend.access import SIGNED_IN, Officer
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import NotFound, TooManyRequests, documented
 from wonderland_backend.http.transfer import TransferError
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.uspace.claims import State
 from wonderland_backend.uspace.endpoints.remote_id import FlightId

@@ -12,10 +12,11 @@ from fastapi import APIRouter, Depends, Path, Query, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from fastapi.routing import APIRoute
+from starlette.exceptions import HTTPException
 from uas_standards.astm.f3411.v22a.constants import Scope
 
-from wonderland_backend.errors import BadRequest, NotFound, documented, field_errors
-from wonderland_backend.problem_texts import said
+from wonderland.problems import said
+from wonderland_backend.errors import BadRequest, NotFound, documented, field_errors, unreadable
 from wonderland_backend.responses import Json
 from wonderland_backend.tokens import Caller, ScopeMissing, TokenRefused
 from wonderland_backend.uspace.access import system_with
@@ -41,6 +42,10 @@ class StandardRoute(APIRoute):
                 return await handle(request)
             except RequestValidationError as error:
                 raise BadRequest(_INVALID.said, *field_errors(error)) from None
+            except HTTPException as error:
+                if (why := unreadable(error)) is None:
+                    raise
+                raise BadRequest(_INVALID.said, why) from None
 
         return handling
 

@@ -9,10 +9,10 @@ from fastapi.responses import Response
 from uas_standards.interuss.automated_testing.rid.v1.constants import Scope
 from uas_standards.interuss.automated_testing.versioning.constants import Scope as VersioningScope
 
+from wonderland.problems import said
 from wonderland_backend.context import ContextDep
 from wonderland_backend.errors import BadRequest, NotFound
 from wonderland_backend.http.times import rfc3339, unix_ms
-from wonderland_backend.problem_texts import said
 from wonderland_backend.responses import Json
 from wonderland_backend.uspace.access import system_with
 from wonderland_backend.uspace.claims import Details

@@ -15,8 +15,8 @@ from typing import Annotated, Any, Final
 from pydantic import Field, ValidationError
 from uas_standards.astm.f3411.v22a.api import UAType
 
+from wonderland.problems import said
 from wonderland_backend.errors import NotFound, Problem
-from wonderland_backend.problem_texts import said
 from wonderland_backend.uspace.claims import Details, State, time_of
 from wonderland_backend.uspace.dss.models import Foreign
 from wonderland_backend.uspace.flights import Flights

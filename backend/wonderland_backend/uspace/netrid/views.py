@@ -8,8 +8,8 @@ from typing import Final
 
 from uas_standards.astm.f3411.v22a import constants
 
+from wonderland.problems import said
 from wonderland_backend.errors import Problem
-from wonderland_backend.problem_texts import said
 from wonderland_backend.uspace.geo import Box
 
 MAX_DIAGONAL_M: Final = constants.NetMaxDisplayAreaDiagonalKm * 1000

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import Final
 
+from wonderland.problems import said
 from wonderland_backend.errors import Problem, TooManyRequests
 from wonderland_backend.http.backoff import Backoff
 from wonderland_backend.http.transfer import TransferError
-from wonderland_backend.problem_texts import said
 from wonderland_backend.uspace.dss.client import DssClient, extents_of
 from wonderland_backend.uspace.dss.errors import DssError, NotThere, TooMany, VersionConflict
 from wonderland_backend.uspace.dss.models import Area, AreaNotification

@@ -11,7 +11,7 @@ import type {
   LedgerTransactionDetail,
   Pad,
   SessionDetail,
-  SessionState,
+  SessionSummary,
   SignedIn,
   Statistics,
   Status,
@@ -109,7 +109,7 @@ export class Api {
     return answered((signal) => this.client.GET("/api/v1/status", { signal }));
   }
 
-  sessions(query: SessionFilters): Promise<Page<SessionState>> {
+  sessions(query: SessionFilters): Promise<Page<SessionSummary>> {
     return answered((signal) => this.client.GET("/api/v1/sessions", { params: { query }, signal }));
   }
 

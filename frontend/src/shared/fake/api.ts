@@ -1,5 +1,5 @@
 import type { Page } from "../api/api";
-import type { Course, SessionDetail, SessionState, VerdictSummary } from "../api/records";
+import type { Course, SessionDetail, SessionSummary, VerdictSummary } from "../api/records";
 import type { LiveStore } from "../live/store";
 import { sessionOf } from "../drones";
 import { FAKE_ME, FAKE_PERSON, FAKE_WAYS_IN } from "./people";
@@ -38,7 +38,7 @@ const POLICY: SessionDetail["session"]["policy"] = {
 };
 
 /** What the receiver of a pad that was lied to may have heard. */
-function oddities(session: SessionState): SessionDetail["findings"] {
+function oddities(session: SessionSummary): SessionDetail["findings"] {
   const of = { uav_id: session.uav_id, pad_id: session.pad_id, verified: false } as const;
   return [
     { ...of, kind: "two_places", t_ms: session.requested_ms + 900, count: 1, distance_mm: 412_000, interval_ms: 300, transport: "ble4", other_transport: "wifi-nan" },
@@ -46,7 +46,7 @@ function oddities(session: SessionState): SessionDetail["findings"] {
   ];
 }
 
-function detail(session: SessionState, verdict: VerdictSummary | undefined, store: LiveStore): SessionDetail {
+function detail(session: SessionSummary, verdict: VerdictSummary | undefined, store: LiveStore): SessionDetail {
   const pad = store.pads.get(session.pad_id);
   const anchors = pad?.commissioning?.anchors ?? [];
   const at = verdict?.signed?.claim ?? { lat_e7: pad?.lat_e7 ?? 0, lon_e7: pad?.lon_e7 ?? 0, east_mm: 0, north_mm: 0 };

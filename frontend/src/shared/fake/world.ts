@@ -4,7 +4,7 @@ import type {
   Outcome,
   Pad,
   Position,
-  SessionState,
+  SessionSummary,
   Status,
   StepName,
   Track,
@@ -161,7 +161,7 @@ export class FakeWorld {
     };
   }
 
-  private session(actor: Actor, cycle: number, into_s: number, requested_ms: number): SessionState {
+  private session(actor: Actor, cycle: number, into_s: number, requested_ms: number): SessionSummary {
     const id = hex(`${actor.uav_id}/${cycle}`);
     const verified = actor.outcome === "verified";
     const limit = actor.cancelled === undefined ? Infinity : 1.3;
@@ -229,7 +229,7 @@ export class FakeWorld {
     };
   }
 
-  private verdict(actor: Actor, session: SessionState, decided_ms: number): VerdictSummary {
+  private verdict(actor: Actor, session: SessionSummary, decided_ms: number): VerdictSummary {
     this.block += 1;
     const signedAt = plus(actor.hover, actor.lie);
     const found = plus(actor.hover, at(noise(this.random) * actor.sigma_mm * 0.6, noise(this.random) * actor.sigma_mm * 0.6));

@@ -1,5 +1,5 @@
 import { describe, expect, it, vi } from "vitest";
-import type { SessionState, Track, VerdictSummary } from "../api/records";
+import type { SessionSummary, Track, VerdictSummary } from "../api/records";
 import { TrackPacker } from "./columns";
 import { MAX_VERDICTS, LiveStore, TRACK_AGE_MS } from "./store";
 import { TRAIL_S } from "./tracks";
@@ -118,7 +118,7 @@ describe("the live store", () => {
 
   it("drops an estimate when its session is decided", () => {
     const store = new LiveStore();
-    const session = { session_id: "s", uav_id: "a", state: "requested", requested_ms: 1, steps: [] } as unknown as SessionState;
+    const session = { session_id: "s", uav_id: "a", state: "requested", requested_ms: 1, steps: [] } as unknown as SessionSummary;
     send(store, { type: "delta", seq: 1, t_ms: 1, sessions: [session], estimates: [{ uav_id: "a", session_id: "s" } as never] });
     expect(store.estimates.size).toBe(1);
     send(store, { type: "delta", seq: 2, t_ms: 2, sessions: [{ ...session, state: "decided" }] });

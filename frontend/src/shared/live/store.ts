@@ -1,4 +1,4 @@
-import type { Alert, Estimate, Pad, SessionState, Status, VerdictSummary } from "../api/records";
+import type { Alert, Estimate, Pad, SessionSummary, Status, VerdictSummary } from "../api/records";
 import type { TrackColumns } from "./columns";
 import type { ConnectionEvent, ConnectionState } from "./connection";
 import type { Changes, LiveFrame } from "./protocol";
@@ -26,7 +26,7 @@ type Listener = (topics: ReadonlySet<Topic>) => void;
 export class LiveStore {
   readonly tracks = new TrackTable();
   readonly estimates = new Map<string, Estimate>();
-  readonly sessions = new Map<string, SessionState>();
+  readonly sessions = new Map<string, SessionSummary>();
   /** By session. */
   readonly verdicts = new Map<string, VerdictSummary>();
   readonly pads = new Map<string, Pad>();
@@ -47,7 +47,7 @@ export class LiveStore {
 
   private readonly listeners = new Map<Listener, ReadonlySet<Topic>>();
   private verdictList: VerdictSummary[] | undefined;
-  private sessionList: SessionState[] | undefined;
+  private sessionList: SessionSummary[] | undefined;
   private clockOffset_ms: number | undefined;
   private snapshotParts = 0;
   private seen = new Set<string>();
@@ -86,7 +86,7 @@ export class LiveStore {
   }
 
   /** Newest first. */
-  sessionsByTime(): readonly SessionState[] {
+  sessionsByTime(): readonly SessionSummary[] {
     this.sessionList ??= [...this.sessions.values()].sort((a, b) => b.requested_ms - a.requested_ms);
     return this.sessionList;
   }

@@ -79,9 +79,9 @@ class Wonderland:
         accept = {"Accept": "application/jose"}
         return cast("str", self._transport.request("GET", f"/proofs/{proof_id}", headers=accept))
 
-    def sessions(self, **filters: Any) -> Iterator[types.SessionState]:
+    def sessions(self, **filters: Any) -> Iterator[types.SessionSummary]:
         """Sessions, newest first, page by page as they are read."""
-        return self._pages("/sessions", filters, types.SessionState)
+        return self._pages("/sessions", filters, types.SessionSummary)
 
     def pads(self, **filters: Any) -> Iterator[types.Pad]:
         """Landing pads by identifier, page by page as they are read."""

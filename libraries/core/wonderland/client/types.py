@@ -598,7 +598,7 @@ class SessionSignature(TypedDict):
     refused: NotRequired[int]
 
 
-class SessionState(TypedDict):
+class SessionSummary(TypedDict):
     """A session as lists and the live map show it."""
 
     session_id: str

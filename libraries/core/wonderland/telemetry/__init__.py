@@ -26,6 +26,7 @@ from wonderland.telemetry.bodies import (
     Step,
     Track,
 )
+from wonderland.telemetry.channel import Channel
 from wonderland.telemetry.codec import (
     BODIES,
     canonical,
@@ -80,6 +81,7 @@ __all__ = [
     "Answer",
     "Body",
     "Challenge",
+    "Channel",
     "Credentials",
     "Drift",
     "Drip",

@@ -294,8 +294,9 @@ def _place(position: Document | None) -> str:
 
 
 def _show(summary: Summary) -> None:
-    from rich.console import Console  # noqa: PLC0415 - `--help` needs none of it
     from rich.table import Table  # noqa: PLC0415
+
+    from wonderland.consoles import for_people  # noqa: PLC0415 - `--help` needs none of it
 
     table = Table(title=f"{summary.rounds} reports, {summary.damaged} of them damaged")
     for name in ("peer", "ranges", "missing", "per second", "mean, m", "σ, mm"):
@@ -309,4 +310,4 @@ def _show(summary: Summary) -> None:
             f"{tally.mean_mm / 1000:.3f}" if tally.count else "–",
             f"{tally.sigma_mm:.0f}" if tally.count > 1 else "–",
         )
-    Console().print(table)
+    for_people().print(table)

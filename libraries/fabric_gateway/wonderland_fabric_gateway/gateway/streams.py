@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections import deque
 from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, Self, TypeVar
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from wonderland_fabric_gateway.gateway.calls import Environment
 
+_log = logging.getLogger(__name__)
 Item = TypeVar("Item")
 SILENCE_S: Final = 5.0
 """After so long without an answer a stream looks whether its peer stands still; twice in a row, and it is left."""
@@ -84,6 +86,8 @@ class Stream(Generic[Item]):
         self._call: Any = None
         self._waiting: deque[Item] = deque()
         self._closed = False
+        self._told = False
+        """Whether the log has it that nothing is heard."""
 
     async def __aenter__(self) -> Self:
         await self.open()
@@ -112,6 +116,7 @@ class Stream(Generic[Item]):
             try:
                 answer = await self._read()
                 if answer is not grpc.aio.EOF:
+                    self._goes_on()
                     self._waiting.extend(self._source.items(answer))
                     self._backoff.reset()
                     self._others = 0
@@ -197,6 +202,11 @@ class Stream(Generic[Item]):
         if call is not None:
             call.cancel()
 
+    def _goes_on(self) -> None:
+        if self._told:
+            self._told = False
+            _log.info("channel %s: the ledger is heard again", self._channel)
+
     async def _interrupted(self, error: StreamError) -> None:
         """Pause before a new attempt, or raise when there is to be none."""
         self._drop_call()
@@ -207,6 +217,9 @@ class Stream(Generic[Item]):
         if not self._is_worth_reopening(error):
             self.close()
             raise error
+        if self._reconnect and not self._told:
+            self._told = True
+            _log.warning("channel %s: the ledger is not heard, tried again until it is: %s", self._channel, error)
         await self._sleep(self._backoff.next_s())
 
     def _is_worth_reopening(self, error: StreamError) -> bool:

@@ -1,6 +1,6 @@
 """Positions from an autopilot (PX4, ArduPilot) by MAVLink: a pure core, and a thin shell around links.
 
-``navigator`` takes messages and returns claims or why there is none; ``boot_time`` and ``rates`` are its parts,
+``navigator`` takes messages and returns claims or why there is none; ``rates`` is its part,
 ``wire`` knows pymavlink, ``source`` knows sockets and lines.
 """
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final
 
+from wonderland_remote_id.messages import BasicId, OperatorId, SelfId, System
+from wonderland_uav_agent.position.receiver import GpsRaw
+
 SYSTEM_TIME: Final = 2
 GPS_RAW_INT: Final = 24
 ATTITUDE: Final = 30
@@ -21,6 +24,9 @@ NAMES: Final = {
     EXTENDED_SYS_STATE: "EXTENDED_SYS_STATE",
 }
 
+
+REMOTE_ID: Final = frozenset({*range(12900, 12906), 12915})
+"""OPEN_DRONE_ID_BASIC_ID to _OPERATOR_ID, and _MESSAGE_PACK."""
 
 Peer = tuple[Any, ...] | None
 """A socket's address; None on links that have one end alone."""
@@ -52,17 +58,6 @@ class SystemTime:
 
     unix_us: int
     boot_ms: int
-
-
-@dataclass(frozen=True, slots=True)
-class GpsRaw:
-    """GPS_RAW_INT (24): heights in mm; accuracies in mm at 1 σ, 0 where they are not stated."""
-
-    fix_type: int
-    alt_mm: int
-    alt_ellipsoid_mm: int
-    h_acc_mm: int
-    v_acc_mm: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,6 +123,13 @@ class Parameter:
 
 
 @dataclass(frozen=True, slots=True)
+class RemoteIdHeard:
+    """OPEN_DRONE_ID_* (12900 to 12905, 12915): the packet as it came."""
+
+    packet: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class OutOfStep:
     """No message: a sender's numbers went back, as those of two do who use one name."""
 
@@ -143,6 +145,7 @@ Message = (
     | Acknowledged
     | ArmingAsked
     | Parameter
+    | RemoteIdHeard
     | OutOfStep
 )
 
@@ -212,4 +215,12 @@ class LandingTarget:
     distance_m: float
 
 
-Outgoing = SayAlive | AskFor | Command | Reposition | ArmingAnswered | SetParameter | LandingTarget
+@dataclass(frozen=True, slots=True)
+class RemoteIdTold:
+    """To send: OPEN_DRONE_ID_*, what a ground station tells an autopilot otherwise."""
+
+    system: int
+    message: BasicId | OperatorId | SelfId | System
+
+
+Outgoing = SayAlive | AskFor | Command | Reposition | ArmingAnswered | SetParameter | LandingTarget | RemoteIdTold

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 from wonderland.geoid import Geoid
-from wonderland.proofs.errors import ProofError
 from wonderland.proofs.records.sessions import Claim
+from wonderland_uav_agent.position.boot_time import REORDERED_MS, BootTime
 from wonderland_uav_agent.position.mavlink.attitude import Vector, moved, times, turn
-from wonderland_uav_agent.position.mavlink.boot_time import REORDERED_MS, BootTime
+from wonderland_uav_agent.position.mavlink.doubled import Doubled
 from wonderland_uav_agent.position.mavlink.messages import (
     ATTITUDE,
     EXTENDED_SYS_STATE,
@@ -24,7 +23,6 @@ from wonderland_uav_agent.position.mavlink.messages import (
     Attitude,
     ExtendedState,
     GlobalPosition,
-    GpsRaw,
     Heartbeat,
     LocalPosition,
     Message,
@@ -35,37 +33,34 @@ from wonderland_uav_agent.position.mavlink.messages import (
     SystemTime,
 )
 from wonderland_uav_agent.position.mavlink.rates import Rates
+from wonderland_uav_agent.position.receiver import (
+    MAX_AGE_MS,
+    MAX_ATTITUDE_AGE_MS,
+    MAX_GPS_AGE_MS,
+    GpsRaw,
+    NoClaimError,
+    Wire,
+    claim_at,
+    quality_of,
+)
 
-MAX_AGE_MS: Final = 1_000
-MAX_GPS_AGE_MS: Final = 2_000
-MAX_ATTITUDE_AGE_MS: Final = 500
 SILENT_MS: Final = 5_000
 """An autopilot from which no heartbeat came for so long is gone, and another may take its place."""
 HEARTBEAT_MS: Final = 1_000
-DOUBLED, DOUBLED_MS = 3, 5_000
-"""So many steps back within this time are no restart and no burst of losses: two speak in one name."""
 
 AUTOPILOT_COMPONENT: Final = 1
 TYPE_GCS, AUTOPILOT_INVALID = 6, 8
-FIX_3D, FIX_RTK_FIXED = 3, 6
 SET_MESSAGE_INTERVAL: Final = 511
 
-MAX_UNDULATION_MM: Final = 120_000
-"""No geoid is further from the ellipsoid."""
-GRID_95_MM: Final = 1_000
-"""How well the grid of a geoid, and the one that the autopilot means by mean sea level, are the same."""
-MAX_SIGMA_MM: Final = 4_000_000
-"""Larger ones (UINT32_MAX among them) say that nothing is known."""
+WIRE: Final = Wire(
+    "h_acc and v_acc of GPS_RAW_INT: they need MAVLink 2, and a receiver that tells", "alt_ellipsoid of GPS_RAW_INT"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class _Gps:
     content: GpsRaw
     arrived_ms: int
-
-
-class _NoClaimError(Exception):
-    """Why a position is no claim."""
 
 
 class Navigator:
@@ -95,7 +90,7 @@ class Navigator:
         self._sender = sender
         self._time = BootTime(self._warn)
         self._rates = Rates(sender.system if sender else 0, now_ms, flown=self.flown, turned=any(self._antenna_m))
-        self._steps_back: deque[int] = deque(maxlen=DOUBLED)
+        self._doubled = Doubled()
         self._forget_position()
 
     def _forget_position(self) -> None:
@@ -159,7 +154,7 @@ class Navigator:
         """Why there is no claim now; empty where there is one."""
         if self._sender is None:
             return "no heartbeat of an autopilot"
-        if self._doubled(now_ms):
+        if self._doubled.now(now_ms):
             return "two speak as the autopilot: their messages' numbers do not follow each other"
         if self._position is None:
             return self._rates.missing(GLOBAL_POSITION_INT)
@@ -208,16 +203,11 @@ class Navigator:
             )
 
     def _take_step_back(self, now_ms: int) -> None:
-        was_doubled = self._doubled(now_ms)
-        self._steps_back.append(now_ms)
-        if self._doubled(now_ms) and not was_doubled:
+        if self._doubled.step_back(now_ms):
             self._warn(
                 "two speak as the autopilot, the second perhaps by another of its links (PX4 passes on what comes "
                 "in its name: MAV_n_FORWARD); there is no position while that lasts"
             )
-
-    def _doubled(self, now_ms: int) -> bool:
-        return len(self._steps_back) == DOUBLED and now_ms - self._steps_back[0] <= DOUBLED_MS
 
     def _follow(self, boot_ms: int, now_ms: int) -> None:
         if not self._time.follows(boot_ms, now_ms):
@@ -233,73 +223,25 @@ class Navigator:
         self._position, self._heard_ms = message, now_ms
         try:
             self._claim, self._reason = self._claim_of(message, now_ms), ""
-        except _NoClaimError as reason:
+        except NoClaimError as reason:
             self._claim, self._reason = None, str(reason)
 
     def _claim_of(self, position: GlobalPosition, now_ms: int) -> Claim:
         if self._gps is None:
-            raise _NoClaimError(self._rates.missing(GPS_RAW_INT))
+            raise NoClaimError(self._rates.missing(GPS_RAW_INT))
         gps, age_ms = self._gps.content, now_ms - self._gps.arrived_ms
         if age_ms > MAX_GPS_AGE_MS:
-            raise _NoClaimError(f"no GPS_RAW_INT for {age_ms / 1_000:.1f} s")
-        if not FIX_3D <= gps.fix_type <= FIX_RTK_FIXED:
-            raise _NoClaimError(f"no 3-D fix (fix type {gps.fix_type})")
-        if (position.lat_e7, position.lon_e7) == (0, 0):
-            raise _NoClaimError("the autopilot does not know yet where it is (latitude and longitude 0)")
-        if not (0 < gps.h_acc_mm <= MAX_SIGMA_MM and 0 < gps.v_acc_mm <= MAX_SIGMA_MM):
-            raise _NoClaimError(
-                "no accuracy stated (h_acc and v_acc of GPS_RAW_INT: they need MAVLink 2, and a receiver that tells)"
-            )
-        undulation_mm, height_95_mm = _undulation_mm(gps), vertical_95_mm(gps.v_acc_mm)
-        if undulation_mm is None and self._geoid is not None:
-            undulation_mm = self._geoid.undulation_mm(position.lat_e7, position.lon_e7)
-            height_95_mm += GRID_95_MM
-        if undulation_mm is None:
-            raise _NoClaimError(
-                "no height above the ellipsoid (alt_ellipsoid of GPS_RAW_INT, from a receiver that knows a geoid; "
-                "where it knows none, name the grid of one: --geoid)"
-            )
+            raise NoClaimError(f"no GPS_RAW_INT for {age_ms / 1_000:.1f} s")
+        quality = quality_of(gps, position.lat_e7, position.lon_e7, self._geoid, WIRE)
         north_m, east_m, down_m = self._arm_m(now_ms)
         lat_e7, lon_e7 = moved(position.lat_e7, position.lon_e7, north_m, east_m)
-        values = {
-            "lat_e7": lat_e7,
-            "lon_e7": lon_e7,
-            "height_mm": position.alt_mm + undulation_mm - round(1_000 * down_m),
-            "accuracy_mm": horizontal_95_mm(gps.h_acc_mm),
-            "height_accuracy_mm": height_95_mm,
-            "t_ms": self._time.utc_ms(position.boot_ms, now_ms),
-        }
-        try:
-            return Claim.parse(values)
-        except ProofError as error:
-            raise _NoClaimError(f"no position: {error}") from None
+        alt_mm = position.alt_mm - round(1_000 * down_m)
+        return claim_at(lat_e7, lon_e7, alt_mm, self._time.utc_ms(position.boot_ms, now_ms), quality)
 
     def _arm_m(self, now_ms: int) -> Vector:
         """From the place that the autopilot tells to the antenna: north, east, down."""
         if not any(self._antenna_m):
             return self._antenna_m
         if self._attitude is None or now_ms - self._attitude_ms > MAX_ATTITUDE_AGE_MS:
-            raise _NoClaimError(f"{self._rates.missing(ATTITUDE)}: --antenna is turned by it")
+            raise NoClaimError(f"{self._rates.missing(ATTITUDE)}: --antenna is turned by it")
         return times(turn(self._attitude), self._antenna_m)
-
-
-def _undulation_mm(gps: GpsRaw) -> int | None:
-    """How far mean sea level is above the ellipsoid, by the receiver's own geoid; None where it knows none."""
-    undulation_mm = gps.alt_ellipsoid_mm - gps.alt_mm
-    # Equal to the millimetre: a receiver or simulator without a geoid, which fills in one height twice.
-    states_none = gps.alt_ellipsoid_mm == 0 or undulation_mm == 0 or abs(undulation_mm) > MAX_UNDULATION_MM
-    return None if states_none else undulation_mm
-
-
-def horizontal_95_mm(sigma_mm: int) -> int:
-    """Radius that holds 95 % where ``sigma_mm`` is the deviation along each of two axes: √(−2 ln 0.05) = 2.448.
-
-    Receivers do not agree on what their one figure is. Where it is the radius that holds 68 %, 1.62 would do; the
-    larger factor claims too little rather than too much.
-    """
-    return -(-sigma_mm * 245 // 100)
-
-
-def vertical_95_mm(sigma_mm: int) -> int:
-    """Interval that holds 95 %, for a normal deviation on one axis: 1.96."""
-    return -(-sigma_mm * 196 // 100)

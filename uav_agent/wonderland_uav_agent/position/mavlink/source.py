@@ -39,6 +39,14 @@ class Crew(Protocol):
         ...
 
 
+class Listener(Protocol):
+    """Wants what others than the autopilot say, too."""
+
+    def hear(self, message: Message, sender: Sender, followed: Sender | None, now_ms: int) -> None:
+        """A message on the link; ``followed`` is the autopilot."""
+        ...
+
+
 class MavlinkPosition:
     """Follows one autopilot. Use as an asynchronous context manager."""
 
@@ -58,13 +66,22 @@ class MavlinkPosition:
         self._fresh = asyncio.Event()
         self._ticking: asyncio.Task[None] | None = None
         self._link: _UdpLink | _PortLink | None = None
-        self._crew: Crew | None = None
+        self._crew: list[Crew] = []
+        self._listener: Listener | None = None
         self.navigator = Navigator(_warn, geoid, antenna_m)
 
     def board(self, crew: Crew) -> None:
         """Let it hear the autopilot and speak to it; before the source is opened."""
-        self._crew = crew
+        self._crew.append(crew)
         self.navigator.flown = True
+
+    def join(self, crew: Crew) -> None:
+        """The same for one who does not fly it."""
+        self._crew.append(crew)
+
+    def tell_of_remote_id(self, listener: Listener) -> None:
+        """Let it hear whatever comes on this link, and from whom."""
+        self._listener = listener
 
     async def __aenter__(self) -> Self:
         self._link = (
@@ -123,8 +140,11 @@ class MavlinkPosition:
         now_ms = self._clock()
         for message, sender in messages:
             self.navigator.take(message, sender, now_ms)
-            if self._crew is not None and sender == self.navigator.sender:
-                self._crew.take(message, now_ms)
+            if sender == self.navigator.sender:
+                for each in self._crew:
+                    each.take(message, now_ms)
+            if self._listener is not None:
+                self._listener.hear(message, sender, self.navigator.sender, now_ms)
         if not self._fresh.is_set() and self.navigator.claim(now_ms) is not None:
             self._fresh.set()
 
@@ -132,11 +152,11 @@ class MavlinkPosition:
         while True:
             now_ms = self._clock()
             out = self.navigator.outgoing(now_ms)
-            if self._crew is not None and self.navigator.sender is not None:
-                out += self._crew.outgoing(now_ms)
+            if self.navigator.sender is not None:
+                out += [order for each in self._crew for order in each.outgoing(now_ms)]
             if self._link is not None:
-                for each in out:
-                    self._link.send(self._link.wire.write(each))
+                for order in out:
+                    self._link.send(self._link.wire.write(order))
             await asyncio.sleep(TICK_S)
 
 

@@ -6,6 +6,7 @@ from types import ModuleType
 from typing import Any, Final
 
 from wonderland_uav_agent.position.mavlink.messages import (
+    REMOTE_ID,
     Acknowledged,
     ArmingAnswered,
     ArmingAsked,
@@ -14,7 +15,6 @@ from wonderland_uav_agent.position.mavlink.messages import (
     Command,
     ExtendedState,
     GlobalPosition,
-    GpsRaw,
     Heartbeat,
     LandingTarget,
     LocalPosition,
@@ -23,12 +23,15 @@ from wonderland_uav_agent.position.mavlink.messages import (
     OutOfStep,
     Parameter,
     Peer,
+    RemoteIdHeard,
+    RemoteIdTold,
     Reposition,
     SayAlive,
     Sender,
     SystemTime,
 )
 from wonderland_uav_agent.position.mavlink.signing import Signing
+from wonderland_uav_agent.position.receiver import GpsRaw
 from wonderland_uav_agent.position.source import PositionError
 
 ARM_AUTHORIZATION_REQUEST: Final = 3001
@@ -135,9 +138,20 @@ def _packet(dialect: ModuleType, what: Outgoing) -> Any:
             seen = (what.t_us, 0, what.frame, 0.0, 0.0, what.distance_m, 0.0, 0.0, *what.place_m)
             kind = dialect.LANDING_TARGET_TYPE_RADIO_BEACON
             return dialect.MAVLink_landing_target_message(*seen, (1.0, 0.0, 0.0, 0.0), kind, 1)
+        case RemoteIdTold():
+            return _remote_id(dialect, what)
         case _:
             name = what.name.encode("ascii")
             return dialect.MAVLink_param_set_message(*to, name, what.value, dialect.MAV_PARAM_TYPE_REAL32)
+
+
+def _remote_id(dialect: ModuleType, what: RemoteIdTold) -> Any:
+    """By the codec's own rounding and limits; pymavlink numbers and signs it."""
+    from wonderland_remote_id.framings.mavlink import build  # noqa: PLC0415 - few drones need it
+
+    message = dialect.MAVLink(None).decode(bytearray(build(what.message)))
+    message.target_system, message.target_component = what.system, 1
+    return message
 
 
 def _message(received: Any) -> Message | None:
@@ -165,4 +179,6 @@ def _message(received: Any) -> Message | None:
         return ArmingAsked(received.target_system)
     if kind == "PARAM_VALUE":
         return Parameter(received.param_id, received.param_value)
+    if received.get_msgId() in REMOTE_ID:
+        return RemoteIdHeard(bytes(received.get_msgbuf()))
     return None

@@ -12,12 +12,14 @@ EARLIEST_MS: Final = 1_577_836_800_000
 REORDERED_MS: Final = 1_000
 """Messages overtake each other by less than this; what goes back further has booted again."""
 JUMP_MS: Final = 2_000
-SKEW_MS: Final = 500
-"""Claims are compared with ranges by time; at 10 m/s this is five metres."""
+SKEW_MS: Final = 200
+"""Claims are compared with ranges by time; at 10 m/s this is two metres, and a short session is over in 400 ms."""
+PATIENCE_MS: Final = 3_000
+"""SYSTEM_TIME comes once a second. A position dated without it would be followed by one dated earlier, or later."""
 
 
 class BootTime:
-    """Maps ``time_boot_ms`` to UTC by the last SYSTEM_TIME; until there is one, the arrival's time stands in.
+    """Maps ``time_boot_ms`` to UTC by the last SYSTEM_TIME; where none comes, the arrival's time stands in.
 
     A boot time that goes back, or moves otherwise than this computer's clock, belongs to another boot: forgotten is
     then what mapped the one before.
@@ -27,6 +29,9 @@ class BootTime:
         self._warn = warn
         self._warned = False
         self._last_boot_ms = 0
+        self._first_ms: int | None = None
+        self._said = False
+        """Whether it has said what time it is, or that it does not know."""
         self._anchor_ms: int | None = None
         self._unix_at_boot_ms: int | None = None
         self.skew_ms: int | None = None
@@ -35,6 +40,8 @@ class BootTime:
 
     def follows(self, boot_ms: int, arrived_ms: int) -> bool:
         """Note the time of a message; False where it is of another boot than those before."""
+        if self._first_ms is None:
+            self._first_ms = arrived_ms
         booted_ms, last_boot_ms = arrived_ms - boot_ms, self._last_boot_ms
         self._last_boot_ms = boot_ms
         anchor_ms = booted_ms if self._anchor_ms is None else self._anchor_ms
@@ -42,6 +49,7 @@ class BootTime:
         if boot_ms - last_boot_ms >= -REORDERED_MS and abs(booted_ms - anchor_ms) <= JUMP_MS:
             return True
         self._anchor_ms = booted_ms
+        self._first_ms, self._said = arrived_ms, False
         self._unix_at_boot_ms = self.skew_ms = None
         self._warned = False
         self.resets += 1
@@ -50,6 +58,7 @@ class BootTime:
     def set(self, unix_us: int, boot_ms: int, arrived_ms: int) -> None:
         """Take over the autopilot's UTC, if it has one."""
         unix_ms = unix_us // 1_000
+        self._said = True
         if not EARLIEST_MS <= unix_ms <= MAX_TIME_MS:
             return
         self._unix_at_boot_ms = unix_ms - boot_ms
@@ -62,6 +71,9 @@ class BootTime:
                 "computer’s (or its messages come late); claims bear the autopilot’s: set both by GNSS or NTP"
             )
 
-    def utc_ms(self, boot_ms: int, arrived_ms: int) -> int:
-        """When a message's content was so."""
-        return arrived_ms if self._unix_at_boot_ms is None else self._unix_at_boot_ms + boot_ms
+    def utc_ms(self, boot_ms: int, arrived_ms: int) -> int | None:
+        """When a message's content was so; None while the autopilot's time may yet come."""
+        if self._unix_at_boot_ms is not None:
+            return self._unix_at_boot_ms + boot_ms
+        waited_ms = 0 if self._first_ms is None else arrived_ms - self._first_ms
+        return arrived_ms if self._said or waited_ms >= PATIENCE_MS else None

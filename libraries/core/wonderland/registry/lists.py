@@ -1,12 +1,14 @@
-"""Lists of drones, authorisations or pads as CSV: read in whatever way an office writes them, checked line by line.
+"""Lists of drones, authorisations, maintenance or pads as CSV or JSON: in whatever way an office writes them.
 
-Nothing is changed here: what is right comes back as arguments to sign one by one, what is wrong by line and column.
+They are checked line by line, and nothing is changed: what is right comes back as arguments to sign one by one, what is
+wrong by line and column. The same columns write a list of what the ledger has.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -15,12 +17,11 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 from wonderland.messages import Language
+from wonderland.problems import Said, SaidError, in_language, said
 from wonderland.proofs.errors import RecordError
 from wonderland.proofs.records import transactions as tx
 from wonderland.proofs.records.schema import Record
 from wonderland.proofs.records.uavs import normalised_registration, without_secret
-from wonderland_backend.errors import BadRequest
-from wonderland_backend.problem_texts import Said, SaidError, in_language, said
 from wonderland_remote_id.errors import FieldError
 from wonderland_remote_id.operators import check_operator_id
 
@@ -32,6 +33,10 @@ MAX_ERRORS: Final = 1_000
 _NUMBER: Final = re.compile(r"[A-Za-z0-9-]{1,32}")
 _DELIMITERS: Final = (",", ";", "\t")
 _BOMS: Final = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
+
+
+class ListError(SaidError, ValueError):
+    """What is no list of this kind at all."""
 
 
 class CellError(SaidError, ValueError):
@@ -85,13 +90,29 @@ def _actions(value: str) -> list[str]:
     return value.replace("|", " ").replace("/", " ").replace("+", " ").split()
 
 
+def _unscaled(scale: float) -> Callable[[Any], str]:
+    return lambda value: f"{value / scale:.7f}".rstrip("0").rstrip(".")
+
+
+WHEN: Final = "A date (its first moment) or a moment, ISO 8601, UTC unless it says otherwise"
+
+
+def _moment(value: Any) -> str:
+    """In UTC, so that it reads back as the same millisecond."""
+    moment = datetime.fromtimestamp(value // 1000, UTC).replace(microsecond=value % 1000 * 1000)
+    return moment.isoformat(timespec="milliseconds" if value % 1000 else "seconds").replace("+00:00", "Z")
+
+
 @dataclass(frozen=True)
 class Column:
-    """A column of the file: the field that it fills, and how a cell is read."""
+    """A column of the file: the field that it fills, and how a cell is read and written."""
 
     field: str
     read: Callable[[str], Any] = _text
+    write: Callable[[Any], str] = str
     optional: bool = False
+    says: str = ""
+    """What a cell holds, where that is not what the field holds."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +134,9 @@ KINDS: Final = {
         "RegisterUav",
         {
             **{name: Column(name) for name in ("uav_id", "model", "operator_id")},
-            REGISTRATION: Column(REGISTRATION, _number),
+            REGISTRATION: Column(
+                REGISTRATION, _number, optional=True, says="Operator registration number; see --openings"
+            ),
         },
         ("uav_id",),
     ),
@@ -121,19 +144,31 @@ KINDS: Final = {
         "GrantAuthorisation",
         {
             **{name: Column(name) for name in ("uav_id", "authorisation_id", "pad_id")},
-            "actions": Column("actions", _actions),
-            "valid_from": Column("valid_from_ms", _time),
-            "valid_until": Column("valid_until_ms", _time),
+            "actions": Column("actions", _actions, " ".join, says="Of land, takeoff, dock; several with + between"),
+            "valid_from": Column("valid_from_ms", _time, _moment, says=WHEN),
+            "valid_until": Column("valid_until_ms", _time, _moment, says=WHEN),
         },
         ("uav_id", "authorisation_id"),
+    ),
+    "maintenance": Kind(
+        "RecordMaintenance",
+        {
+            "uav_id": Column("uav_id"),
+            "performed": Column("performed_ms", _time, _moment, says=WHEN),
+            "valid_until": Column("valid_until_ms", _time, _moment, says=WHEN),
+            "work": Column("work"),
+        },
+        ("uav_id",),
     ),
     "pads": Kind(
         "RegisterPad",
         {
             **{name: Column(name) for name in ("pad_id", "name", "operator_id")},
-            "latitude": Column("lat_e7", _scaled(1e7, "degrees")),
-            "longitude": Column("lon_e7", _scaled(1e7, "degrees")),
-            "height_m": Column("height_mm", _scaled(1e3, "metres")),
+            "latitude": Column("lat_e7", _scaled(1e7, "degrees"), _unscaled(1e7), says="WGS-84 latitude, in degrees"),
+            "longitude": Column("lon_e7", _scaled(1e7, "degrees"), _unscaled(1e7), says="WGS-84 longitude, in degrees"),
+            "height_m": Column(
+                "height_mm", _scaled(1e3, "metres"), _unscaled(1e3), says="Height above the WGS-84 ellipsoid, in metres"
+            ),
             "note": Column("note", optional=True),
         },
         ("pad_id",),
@@ -173,11 +208,11 @@ class Checked:
 
 
 def check(kind: Kind, data: bytes) -> Checked:
-    """Read a file. Raises `BadRequest` for one that is no list of this kind at all."""
+    """Read a file. Raises `ListError` for one that is no list of this kind at all."""
     text, encoding = _decoded(data)
     lines = text.splitlines()
     if not lines or not lines[0].strip():
-        raise BadRequest(said("csv_no_header"))
+        raise ListError(said("csv_no_header"))
     delimiter = max(_DELIMITERS, key=lines[0].count)
     found = Checked(encoding, delimiter)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
@@ -188,10 +223,46 @@ def check(kind: Kind, data: bytes) -> Checked:
         for cells in reader:
             if any(cell.strip() for cell in cells):
                 if len(seen) >= MAX_ROWS:
-                    raise BadRequest(said("csv_too_long", most=MAX_ROWS))
+                    raise ListError(said("csv_too_long", most=MAX_ROWS))
                 _row(kind, header, [cell.strip() for cell in cells], reader.line_num, seen, found)
     except csv.Error as error:
         found.wrong(reader.line_num, "", said("csv_not_read_on", why=error))
+    return found
+
+
+def check_json(kind: Kind, data: bytes) -> Checked:
+    """As `check`, for a list of objects with the same names; lines are counted as entries. Raises `ListError`."""
+    try:
+        entries = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise ListError(said("list_no_json", why=str(error)[:200])) from None
+    if not isinstance(entries, list) or not entries or not all(isinstance(each, dict) for each in entries):
+        raise ListError(said("list_no_json", why="a list of objects is wanted: [{…}, …]"))
+    if len(entries) > MAX_ROWS:
+        raise ListError(said("csv_too_long", most=MAX_ROWS))
+    found = Checked("UTF-8", "")
+    seen: dict[tuple[str, ...], int] = {}
+    for line, entry in enumerate(entries, 1):
+        header = list(entry)
+        _require_columns(kind, header if REGISTRATION in entry else [*header, *({REGISTRATION} & set(kind.columns))])
+        _row(kind, header, [_cell(value) for value in entry.values()], line, seen, found)
+    return found
+
+
+def _cell(value: object) -> str:
+    """As it would stand in a table."""
+    if isinstance(value, list):
+        return " ".join(map(str, value))
+    return "" if value is None else str(value).strip()
+
+
+def written(kind: Kind, record: Record) -> dict[str, str]:
+    """What the ledger has, by columns; what it does not have (a registration number) is empty."""
+    document = record.to_json()
+    found = {}
+    for name, column in kind.columns.items():
+        value = document.get(column.field)
+        found[name] = "" if value is None else column.write(value)
     return found
 
 
@@ -200,7 +271,7 @@ def _decoded(data: bytes) -> tuple[str, str]:
         if data.startswith(mark):
             return _decode(data, encoding), {"utf-8-sig": "UTF-8", "utf-16": "UTF-16"}[encoding]
     if b"\x00" in data:
-        raise BadRequest(said("csv_no_text"))
+        raise ListError(said("csv_no_text"))
     try:
         return data.decode("utf-8"), "UTF-8"
     except UnicodeDecodeError:
@@ -212,16 +283,16 @@ def _decode(data: bytes, encoding: str) -> str:
     try:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
-        raise BadRequest(said("csv_bad_encoding", encoding=encoding, position=error.start)) from None
+        raise ListError(said("csv_bad_encoding", encoding=encoding, position=error.start)) from None
 
 
 def _require_columns(kind: Kind, header: list[str]) -> None:
-    needed = [name for name, column in kind.columns.items() if not column.optional]
+    needed = [name for name, column in kind.columns.items() if not column.optional or column.field == REGISTRATION]
     missing = [name for name in needed if name not in header]
     unknown = [name for name in header if name not in kind.columns]
     twice = sorted({name for name in header if header.count(name) > 1})
     if missing or unknown or twice:
-        raise BadRequest(
+        raise ListError(
             said(
                 "csv_bad_header",
                 columns=", ".join(kind.columns),
@@ -244,7 +315,7 @@ def _row(
     for name, cell in zip(header, cells, strict=True):
         column = kind.columns[name]
         if cell == "":
-            if not column.optional and column.field != REGISTRATION:
+            if not column.optional:
                 found.wrong(line, name, said("missing"))
             continue
         try:

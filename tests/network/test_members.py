@@ -1,0 +1,262 @@
+"""Members who found a network together: cards that lie or are mixed up, and three of them with Fabric's own servers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from wonderland.proofs import encoding
+from wonderland_fabric_gateway.ca.local import Kind, LocalCa
+from wonderland_fabric_gateway.connection import Connection
+from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_network.cards import keep_cards, load_membership
+from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.errors import DescriptionError, DirectoryStateError
+from wonderland_fabric_network.layout import NetworkDirectory
+from wonderland_fabric_network.membership import MemberCard, Membership, shared_sha256
+
+YAML = b"""
+organisations:
+- {msp_id: AuthorityMSP, kind: authority}
+- {msp_id: PadMSP, kind: pads}
+- {msp_id: FleetMSP, kind: fleet}
+ordering:
+  organisations: [{msp_id: AuthorityOrdererMSP}, {msp_id: PadOrdererMSP}, {msp_id: FleetOrdererMSP}]
+"""
+DESCRIPTION = NetworkDescription.from_yaml(YAML)
+PARTS = ("Authority", "Pad", "Fleet")
+
+
+@pytest.fixture(scope="module")
+def cards(tmp_path_factory):
+    """Of all six organisations, by CAs of our own."""
+    found = {}
+    for part in PARTS:
+        for msp_id, orderers in ((f"{part}MSP", 0), (f"{part}OrdererMSP", 1)):
+            ca = LocalCa.create(tmp_path_factory.mktemp("ca") / msp_id, msp_id)
+            tls = ca.enrol("orderer0", node_ou="orderer", kind=Kind.TLS, hosts=["127.0.0.1"]).certificate_pem.decode()
+            identity = ca.enrol("orderer0", node_ou="orderer").certificate_pem.decode()
+            document = {
+                "msp_id": msp_id,
+                "description_sha256": shared_sha256(DESCRIPTION),
+                "contract": {"version": "1.0", "sha256": "a" * 64},
+                "t_s": 1_790_000_000 + len(found),
+                "host": "127.0.0.1",
+                "root": ca.root_pem().decode(),
+                "tls_root": ca.root_pem(Kind.TLS).decode(),
+                "peers": [] if orderers else [{"port": 7051}],
+                "orderers": [{"port": 7050, "tls_certificate": tls, "identity": identity}] * orderers,
+            }
+            found[msp_id] = MemberCard.parse(document)
+    return found
+
+
+def changed(card, **fields):
+    return encoding.encode(card.to_json() | fields)
+
+
+def test_a_card_says_nothing_secret_and_is_read_as_it_was_written(cards):
+    for card in cards.values():
+        assert MemberCard.read(card.to_bytes(), "x") == card
+        assert b"PRIVATE" not in card.to_bytes()
+
+
+def test_everybody_makes_the_same_block_of_the_same_cards_and_another_one_of_others(cards):
+    whole = Membership(("PadMSP",)).with_cards(cards.values(), DESCRIPTION)
+    backwards = Membership(("FleetMSP",)).with_cards(reversed(list(cards.values())), DESCRIPTION)
+    assert whole.missing(DESCRIPTION) == ()
+    assert whole.founding() == backwards.founding()
+    for name, value in {
+        "host": "10.0.0.9",
+        "peers": [{"port": 9}],
+        "t_s": 5,
+        "tls_root": cards["PadMSP"].tls_root,
+    }.items():
+        liar = MemberCard.read(changed(cards["FleetMSP"], **{name: value}), "x")
+        lied_to = Membership(("PadMSP",)).with_cards([*({**cards, "FleetMSP": liar}).values()], DESCRIPTION)
+        assert lied_to.founding()[1] != whole.founding()[1], name
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"description_sha256": "b" * 64}, "for another description"),
+        ({"contract": {"version": "1.1", "sha256": "b" * 64}}, "has contract 1.1"),
+        ({"msp_id": "OtherMSP"}, "no such organisation"),
+        ({"peers": []}, "network.yaml has 1 and 0"),
+        ({"peers": [{"port": 7051}] * 2}, "network.yaml has 1 and 0"),
+        ({"t_s": 7}, "is another than the one that is known"),
+    ],
+)
+def test_a_card_that_does_not_fit_is_refused(cards, fields, says):
+    known = Membership(("PadMSP",)).with_cards(
+        [cards["PadMSP"], *([cards["FleetMSP"]] if "t_s" in fields else [])], DESCRIPTION
+    )
+    liar = MemberCard.read(changed(cards["FleetMSP"], **fields), "x")
+    with pytest.raises(DescriptionError, match=re.escape(says)):
+        known.with_cards([liar], DESCRIPTION)
+
+
+def test_nobody_takes_ones_own_name(cards):
+    known = Membership(("PadMSP",)).with_cards([cards["PadMSP"]], DESCRIPTION)
+    with pytest.raises(DescriptionError, match="another than this directory's own"):
+        known.with_cards([replace(cards["PadMSP"], root=cards["FleetMSP"].root)], DESCRIPTION)
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        (b"", "no card"),
+        (b"[]", "no card"),
+        (b"x" * 300_000, "no card"),
+        (b"-----BEGIN CERTIFICATE-----", "no card"),
+    ],
+)
+def test_what_is_no_card_is_refused(data, says):
+    with pytest.raises(DescriptionError, match=f"a.card: {says}"):
+        MemberCard.read(data, "a.card")
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"root": "-----BEGIN CERTIFICATE-----"}, "root: no PEM certificate"),
+        ({"msp_id": "../../x"}, "msp_id"),
+        ({"host": "-x"}, "host"),
+        ({"key": "secret"}, "key: unknown field"),
+        ({"peers": [{"port": 0}]}, "port"),
+    ],
+)
+def test_a_card_with_nonsense_names_the_field(cards, fields, says):
+    with pytest.raises(DescriptionError, match=re.escape(says)):
+        MemberCard.read(changed(cards["PadMSP"], **fields), "x")
+
+
+def test_servers_of_another_ca_are_refused(cards):
+    orderer = cards["PadOrdererMSP"].to_json()["orderers"][0]
+    for field in ("identity", "tls_certificate"):
+        foreign = orderer | {field: cards["FleetOrdererMSP"].to_json()["orderers"][0][field]}
+        with pytest.raises(DescriptionError, match=f"orderers\\[0\\].{field}: was not issued by the root"):
+            MemberCard.read(changed(cards["PadOrdererMSP"], orderers=[foreign]), "x")
+
+
+def test_a_directory_knows_whose_keys_it_has(cards, tmp_path):
+    directory = NetworkDirectory(tmp_path)
+    assert load_membership(directory) is None
+    directory.mine_file.write_text('{"mine": ["PadMSP"]}')
+    keep_cards(directory, cards.values())
+    found = load_membership(directory)
+    assert (found.mine, dict(found.cards)) == (("PadMSP",), cards)
+    directory.mine_file.write_text('{"mine": []}')
+    with pytest.raises(DirectoryStateError, match="whose keys are here"):
+        load_membership(directory)
+
+
+# --- with Fabric's own servers -----------------------------------------------------------------------------------------
+
+
+class Part:
+    """One member's machine: a directory of its own."""
+
+    def __init__(self, root, name, first_port):
+        self.directory, self.cards, self.name = root / name, root / f"{name}-cards", name
+        self.first_port = first_port
+        self.msp_ids = (f"{name}MSP", f"{name}OrdererMSP")
+
+    def arguments(self, *arguments):
+        return [sys.executable, "-m", "wonderland.cli", "network", *map(str, arguments), "--dir", str(self.directory)]
+
+    def run(self, *arguments, code=0):
+        answer = subprocess.run(self.arguments(*arguments), capture_output=True, text=True, timeout=120, check=False)
+        assert answer.returncode == code, answer.stdout + answer.stderr
+        return answer.stdout + answer.stderr
+
+    def card(self, yaml):
+        self.run("card", *self.msp_ids, "--file", yaml, "--first-port", self.first_port, "--to", self.cards)
+
+    async def submit(self, identity, function, *arguments):
+        connection = Connection.load(self.directory / "connection.json")
+        async with connection.open_channel() as channel:
+            gateway = Gateway(channel, connection.identity(identity), connection.signer(identity))
+            contract = gateway.network(connection.channel).contract(connection.chaincode)
+            return await contract.submit_with_retry(function, *arguments)
+
+    @property
+    def block(self):
+        return (self.directory / "channel.block").read_bytes()
+
+
+async def founded(parts):
+    """All of them at once, as on as many machines."""
+
+    async def meets(part):
+        others = [str(path) for each in parts if each is not part for path in sorted(each.cards.iterdir())]
+        process = await asyncio.create_subprocess_exec(
+            *part.arguments("meet", "--yes", *others), stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+        )
+        said = (await process.communicate())[0].decode()
+        assert process.returncode == 0, said
+        return said
+
+    return await asyncio.gather(*(meets(part) for part in parts))
+
+
+@pytest.fixture(scope="module")
+def parts(fabric, tmp_path_factory):
+    root = tmp_path_factory.mktemp("members")
+    yaml = root / "network.yaml"
+    yaml.write_bytes(YAML)
+    first = 20_000 + 100 * (os.getpid() % 60)
+    found = [Part(root, name, first + 30 * index) for index, name in enumerate(PARTS)]
+    try:
+        for part in found:
+            part.card(yaml)
+        yield found
+    finally:
+        for part in found:
+            subprocess.run(part.arguments("down"), capture_output=True, timeout=60, check=False)
+
+
+@pytest.mark.fabric
+@pytest.mark.timeout(240)
+async def test_three_members_found_a_network_and_none_has_anothers_keys(parts):
+    authority, pads, fleet = parts
+    early = pads.run("up", code=1)
+    assert "the cards of AuthorityMSP, FleetMSP, AuthorityOrdererMSP, FleetOrdererMSP are not here yet" in early
+    assert "missing yet" in pads.run("meet", *sorted(fleet.cards.iterdir()))
+    said = await founded(parts)
+    prints = {re.search(r"first block  (\S+)", each)[1] for each in said}
+    assert len(prints) == 1
+    assert authority.block == pads.block == fleet.block
+    for part in parts:
+        for key in [*part.directory.rglob("*.key"), *part.directory.rglob("keystore/*")]:
+            owner = key.relative_to(part.directory / "organisations").parts[0]
+            assert owner in part.msp_ids, key
+        assert set(Connection.load(part.directory / "connection.json").authorities) == {part.msp_ids[0]}
+
+    pad = {"pad_id": "pad-1", "name": "Roof", "operator_id": "skyport", "lat_e7": 604_500_000, "lon_e7": 222_600_000}
+    await pads.submit("pad_operator", "RegisterPad", json.dumps(pad | {"height_mm": 12_000}))
+    assert "network  up" in pads.run("up"), "once more"
+    assert "decided with the others" in authority.run("add-org", "Pad2MSP", "--kind", "pads", code=1)
+    assert "decided with the others" in authority.run("upgrade", code=1)
+    assert "PadMSP.peer0" in pads.run("status")
+
+
+@pytest.mark.fabric
+@pytest.mark.timeout(240)
+async def test_a_member_whose_machine_is_away_keeps_nobody_and_comes_back(parts):
+    _, pads, fleet = parts
+    fleet.run("down")
+    pad = {"pad_id": "pad-2", "name": "Roof", "operator_id": "skyport", "lat_e7": 604_500_000, "lon_e7": 222_600_000}
+    await pads.submit("pad_operator", "RegisterPad", json.dumps(pad | {"height_mm": 12_000}))
+    fleet.run("up")
+    heights = [json.loads(part.run("status", "--json")) for part in (pads, fleet)]
+    tall = [next(each["height"] for each in found["components"] if each["kind"] == "peer") for found in heights]
+    assert tall[0] == tall[1] >= 6
