@@ -13,12 +13,29 @@ import os
 import signal
 import struct
 import subprocess
+import time
+from pathlib import Path
 
 import pytest
 
 SHUTDOWN = 0x8004587D  # _IOR('X', 125, __u32)
 NO_LOG_FLUSH = 2
 DISK_BYTES = 64 << 20
+
+
+def _freeze(pid):
+    """Let none of its threads say anything any more; one in the middle of a flush stays there.
+
+    A flush during the cut now and then succeeds for ext4 though nothing of it is on the disk (once in some hundred
+    cuts on a busy machine, with write and fdatasync alone). After a real cut nobody hears such a promise.
+    """
+    with contextlib.suppress(ProcessLookupError, FileNotFoundError):
+        os.kill(pid, signal.SIGSTOP)
+        while any(
+            (task / "stat").read_text().rpartition(")")[2].split()[0] in "RS"
+            for task in Path(f"/proc/{pid}/task").iterdir()
+        ):
+            time.sleep(0.001)
 
 
 class Killed:
@@ -63,6 +80,8 @@ class PowerCut(Killed):
         )
 
     def strike(self, *pids):
+        for pid in pids:
+            _freeze(pid)
         handle = os.open(self._disk, os.O_RDONLY)
         try:
             fcntl.ioctl(handle, SHUTDOWN, struct.pack("I", NO_LOG_FLUSH))
