@@ -18,6 +18,7 @@ import textwrap
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 from kit.sitl import own_network
 from sybil import Sybil
@@ -65,10 +66,12 @@ class Shell:
 
     def left(self):
         """Commands that still run in this terminal, but for bash itself."""
-        said = subprocess.run(
-            ["ps", "-o", "pid=,args=", "-s", str(self._bash.pid)], capture_output=True, text=True, check=False
-        ).stdout
-        return [line for line in said.splitlines() if int(line.split()[0]) != self._bash.pid]
+        found = []
+        for process in psutil.process_iter():
+            with contextlib.suppress(psutil.Error, ProcessLookupError):
+                if process.pid != self._bash.pid and os.getsid(process.pid) == self._bash.pid:
+                    found.append(f"{process.pid} {' '.join(process.cmdline())}")
+        return found
 
     def close(self):
         with contextlib.suppress(ProcessLookupError):
