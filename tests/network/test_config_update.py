@@ -6,9 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wonderland_fabric_gateway.ca import LocalCa
+from wonderland_fabric_gateway.channel_groups import serialise
 from wonderland_fabric_gateway.identity import SigningIdentity
 from wonderland_fabric_gateway.signing import key_file_signer, verify
-from wonderland_fabric_network.config_update import compute_update, signed_update
+from wonderland_fabric_network.config_update import compute_update, enveloped, signature_over
 
 
 def group(version=0, mod="Admins", values=None, policies=None, groups=None):
@@ -149,7 +150,15 @@ def administrators(tmp_path):
 
 def test_each_signer_signs_header_and_update(administrators):
     update = compute_update("c", group(), group(values={"a": (0, b"x")}))
-    data = signed_update("c", update, administrators, now_ns=1_500_000_000_000_000_123, random_bytes=bytes)
+    signatures = [signature_over(serialise(update), each, bytes) for each in administrators]
+    data = enveloped(
+        "c",
+        serialise(update),
+        signatures,
+        administrators[0],
+        now_ns=1_500_000_000_000_000_123,
+        random_bytes=bytes,
+    )
     envelope = common_pb2.Envelope.FromString(data)
     payload = common_pb2.Payload.FromString(envelope.payload)
     header = common_pb2.ChannelHeader.FromString(payload.header.channel_header)

@@ -45,7 +45,7 @@ def cards(tmp_path_factory):
             identity = ca.enrol("orderer0", node_ou="orderer").certificate_pem.decode()
             document = {
                 "msp_id": msp_id,
-                "description_sha256": shared_sha256(DESCRIPTION),
+                "network_sha256": shared_sha256(DESCRIPTION),
                 "contract": {"version": "1.0", "sha256": "a" * 64},
                 "t_s": 1_790_000_000 + len(found),
                 "host": "127.0.0.1",
@@ -87,7 +87,7 @@ def test_everybody_makes_the_same_block_of_the_same_cards_and_another_one_of_oth
 @pytest.mark.parametrize(
     ("fields", "says"),
     [
-        ({"description_sha256": "b" * 64}, "for another description"),
+        ({"network_sha256": "b" * 64}, "for another description"),
         ({"contract": {"version": "1.1", "sha256": "b" * 64}}, "has contract 1.1"),
         ({"msp_id": "OtherMSP"}, "no such organisation"),
         ({"peers": []}, "network.yaml has 1 and 0"),
@@ -166,7 +166,7 @@ class Part:
     """One member's machine: a directory of its own."""
 
     def __init__(self, root, name, first_port):
-        self.directory, self.cards, self.name = root / name, root / f"{name}-cards", name
+        self.directory, self.cards, self.name, self.root = root / name, root / f"{name}-cards", name, root
         self.first_port = first_port
         self.msp_ids = (f"{name}MSP", f"{name}OrdererMSP")
 
@@ -180,6 +180,11 @@ class Part:
 
     def card(self, yaml):
         self.run("card", *self.msp_ids, "--file", yaml, "--first-port", self.first_port, "--to", self.cards)
+
+    async def start(self, *arguments):
+        return await asyncio.create_subprocess_exec(
+            *self.arguments(*arguments), stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+        )
 
     async def submit(self, identity, function, *arguments):
         connection = Connection.load(self.directory / "connection.json")
@@ -198,9 +203,7 @@ async def founded(parts):
 
     async def meets(part):
         others = [str(path) for each in parts if each is not part for path in sorted(each.cards.iterdir())]
-        process = await asyncio.create_subprocess_exec(
-            *part.arguments("meet", "--yes", *others), stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
-        )
+        process = await part.start("meet", "--yes", *others)
         said = (await process.communicate())[0].decode()
         assert process.returncode == 0, said
         return said
@@ -245,7 +248,7 @@ async def test_three_members_found_a_network_and_none_has_anothers_keys(parts):
     await pads.submit("pad_operator", "RegisterPad", json.dumps(pad | {"height_mm": 12_000}))
     assert "network  up" in pads.run("up"), "once more"
     assert "decided with the others" in authority.run("add-org", "Pad2MSP", "--kind", "pads", code=1)
-    assert "decided with the others" in authority.run("upgrade", code=1)
+    assert "nothing to agree on" in authority.run("upgrade")
     assert "PadMSP.peer0" in pads.run("status")
 
 
@@ -260,3 +263,114 @@ async def test_a_member_whose_machine_is_away_keeps_nobody_and_comes_back(parts)
     heights = [json.loads(part.run("status", "--json")) for part in (pads, fleet)]
     tall = [next(each["height"] for each in found["components"] if each["kind"] == "peer") for found in heights]
     assert tall[0] == tall[1] >= 6
+
+
+async def ended(process):
+    async with asyncio.timeout(100):
+        said = (await process.communicate())[0].decode()
+    assert process.returncode == 0, said
+    return said
+
+
+async def together(parts, *arguments):
+    """The same command on each machine at once."""
+    return await asyncio.gather(*[ended(await part.start(*arguments)) for part in parts])
+
+
+@pytest.fixture(scope="module")
+def newcomer(parts):
+    """Another operator of pads, with a machine of its own, that has read a roster and given its card."""
+    part = Part(parts[0].root, "Pad2", parts[0].first_port + 90)
+    part.msp_ids = ("Pad2MSP",)
+    roster = part.root / "wonderland.roster"
+    told = parts[2].run("roster", "--to", roster)
+    try:
+        said = part.run(
+            *("card", "Pad2MSP", "--roster", roster, "--kind", "pads", "--yes"),
+            *("--first-port", part.first_port, "--to", part.cards),
+        )
+        assert re.search(r"first block  (\S+)", said)[1] == re.search(r"first block  (\S+)", told)[1]
+        yield part
+    finally:
+        subprocess.run(part.arguments("down"), capture_output=True, timeout=60, check=False)
+
+
+def pad(pad_id):
+    place = {"operator_id": "skyport", "lat_e7": 604_500_000, "lon_e7": 222_600_000, "height_mm": 12_000}
+    return json.dumps({"pad_id": pad_id, "name": "Roof", **place})
+
+
+@pytest.mark.fabric
+@pytest.mark.timeout(300)
+async def test_a_newcomer_is_admitted_by_a_majority_and_its_signature_counts(parts, newcomer):
+    authority, pads, fleet = parts
+    waiting = await newcomer.start("up")  # before anybody admitted it
+    file, copy = authority.root / "admit.change", authority.root / "copy.change"
+    card = newcomer.cards / "Pad2MSP.card"
+    said = authority.run("propose", "--admit", card, "--yes", "--to", file)
+    assert "joins        Pad2MSP: operates pads" in said
+    assert "a majority   is 3 of 4 (was 2 of 3)" in said
+    print_ = re.search(r"its card     (\S+),", said)[1]
+    assert print_ == MemberCard.read(card.read_bytes(), "x").fingerprint
+    assert "Not enough yet" in said
+    assert "missing are FleetMSP, PadMSP" in fleet.run("submit", file, code=1)
+
+    lie = json.loads(file.read_text())
+    for field, value, why in (
+        ("host", "203.0.113.9", "does not say what its signatures are for"),
+        ("network_sha256", "b" * 64, "for another channel"),
+        ("root", json.loads((fleet.cards / "FleetMSP.card").read_text())["root"], "shows a root of FleetMSP"),
+    ):
+        copy.write_bytes(encoding.encode(lie | {"admit": lie["admit"] | {field: value}}))
+        assert why in pads.run("sign", copy, "--yes", code=1)
+    copy.write_bytes(file.read_bytes())
+    both = pads.run("sign", copy, "--yes")
+    assert "That is enough" in both
+    assert "signed by    AuthorityMSP, PadMSP" in both
+    assert "made in block" in fleet.run("submit", file, copy)
+    for part in (authority, pads):
+        assert "noted here" in part.run("submit", copy)
+        assert "noted here" in part.run("submit", copy), "twice"
+    assert "Pad2MSP" in await ended(waiting)
+
+    said = await together([*parts, newcomer], "upgrade")
+    assert all("sequence 2, endorsement AND('AuthorityMSP.peer', OR('PadMSP.peer', 'Pad2MSP.peer'))" in x for x in said)
+    assert "nothing to agree on" in fleet.run("upgrade")
+    await newcomer.submit("pad_operator", "RegisterPad", pad("pad-9").replace("skyport", "roofs"))
+    for key in [*newcomer.directory.rglob("*.key"), *newcomer.directory.rglob("keystore/*")]:
+        assert key.relative_to(newcomer.directory / "organisations").parts[0] == "Pad2MSP"
+    newcomer.run("down")
+    newcomer.run("up")
+
+
+@pytest.mark.fabric
+@pytest.mark.timeout(300)
+async def test_members_change_the_blocks_and_one_leaves_again(parts, newcomer):
+    authority, pads, fleet = parts
+    file = authority.root / "batching.change"
+    assert "20 ms → 50 ms" in pads.run("propose", "--batch", 50, 100, "--yes", "--to", file)
+    assert "Pad2MSP has no say" in newcomer.run("sign", file, "--yes", code=1)
+    assert "That is enough" in fleet.run("sign", file, "--yes")
+    assert "made in block" in authority.run("submit", file)
+    for part in (pads, fleet, newcomer):
+        assert "noted here" in part.run("submit", file)
+        assert NetworkDescription.load(part.directory / "network.yaml").ordering.batch_timeout_ms == 50
+
+    file = authority.root / "remove.change"
+    named = "the endorsement policy names Pad2MSP"
+    assert named in authority.run("propose", "--remove", "Pad2MSP", "--yes", "--to", file, code=1)
+    policy = "AND('AuthorityMSP.peer', 'PadMSP.peer')"
+    newcomer.run("down")  # it does not agree that it leaves, nor need it
+    said = await together(parts, "upgrade", "--endorsement", policy, "--without", "Pad2MSP")
+    assert all("sequence 3" in each for each in said)
+    authority.run("propose", "--remove", "Pad2MSP", "--yes", "--to", file)
+    pads.run("sign", file, "--yes")
+    assert "missing are FleetMSP, Pad2MSP" in pads.run("submit", file, code=1)
+    fleet.run("sign", file, "--yes")
+    assert "made in block" in fleet.run("submit", file)
+    assert "noted here" in authority.run("submit", file)
+    assert "noted here" in pads.run("submit", file)
+    assert "so already" in pads.run("propose", "--remove", "Pad2MSP", "--yes", "--to", file, code=1)
+    await pads.submit("pad_operator", "RegisterPad", pad("pad-10"))
+    fleet.run("down")
+    fleet.run("up")

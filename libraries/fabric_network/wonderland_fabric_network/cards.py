@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from wonderland_fabric_gateway.files import PUBLIC, read_bounded, write_atomic
 from wonderland_fabric_network.certificates import make_private
+from wonderland_fabric_network.changes import MAX_CHANGE_BYTES, ChannelChange
 from wonderland_fabric_network.errors import DirectoryStateError
-from wonderland_fabric_network.membership import MAX_CARD_BYTES, MemberCard, Membership
+from wonderland_fabric_network.membership import MAX_CARD_BYTES, MAX_ROSTER_BYTES, MemberCard, Membership, Roster
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -36,6 +37,23 @@ def load_membership(directory: NetworkDirectory) -> Membership | None:
 def read_card(path: Path) -> MemberCard:
     """A card that somebody gave. Raises `NetworkError`."""
     return MemberCard.read(read_bounded(path, DirectoryStateError, "a member's card", MAX_CARD_BYTES), str(path))
+
+
+def read_roster(path: Path) -> Roster:
+    """A roster that a member gave. Raises `NetworkError`."""
+    return Roster.read(read_bounded(path, DirectoryStateError, "a network's roster", MAX_ROSTER_BYTES), str(path))
+
+
+def read_change(path: Path) -> ChannelChange:
+    """A change that somebody proposed. Raises `NetworkError`."""
+    return ChannelChange.read(
+        read_bounded(path, DirectoryStateError, "a change of a channel", MAX_CHANGE_BYTES), str(path)
+    )
+
+
+def forget_card(directory: NetworkDirectory, msp_id: str) -> None:
+    """The card of one that left."""
+    (directory.members / f"{msp_id}.json").unlink(missing_ok=True)
 
 
 def keep_cards(directory: NetworkDirectory, cards: Collection[MemberCard]) -> None:

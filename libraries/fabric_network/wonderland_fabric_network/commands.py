@@ -16,26 +16,24 @@ import click
 from rich.table import Table
 
 from wonderland.consoles import for_people
-from wonderland.proofs.errors import RecordError
 from wonderland_fabric_gateway.embedded.organisations import ROLES
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.files import PUBLIC, write_atomic
 from wonderland_fabric_network import binaries as servers
 from wonderland_fabric_network import (
     bringing_up,
+    change_commands,
     elsewhere_commands,
     enrolment,
-    expansion,
     founding_commands,
     keeping,
     renewal,
     revocations,
     taking_down,
-    upgrading,
 )
 from wonderland_fabric_network.capacity_command import capacity
 from wonderland_fabric_network.console import dir_option, json_option, open_at, progress
-from wonderland_fabric_network.description import NetworkDescription, Organisation
+from wonderland_fabric_network.description import NetworkDescription
 from wonderland_fabric_network.invite_command import invite
 from wonderland_fabric_network.layout import NetworkDirectory
 from wonderland_fabric_network.status import NetworkStatus, network_status
@@ -68,7 +66,13 @@ def network() -> None:
     """  # noqa: D301 - \b is click's mark for "do not wrap"
 
 
-for each in (*elsewhere_commands.COMMANDS, *founding_commands.COMMANDS, capacity, invite):
+for each in (
+    *elsewhere_commands.COMMANDS,
+    *founding_commands.COMMANDS,
+    *change_commands.COMMANDS,
+    capacity,
+    invite,
+):
     network.add_command(each)
 
 
@@ -270,63 +274,6 @@ def revoke(
         click.echo(f"revoked  serial {each} of {home}")
     since = "already" if done.block is None else f"since block {done.block}"
     click.echo(f"The channel refuses it {since}." if done.serials else f"The list of {home} holds {since}.")
-
-
-@network.command()
-@dir_option
-@click.option("--endorsement", metavar="POLICY", help="Agree on this policy, too: AND('AuthorityMSP.peer', …).")
-@json_option
-def upgrade(*, directory: Path, endorsement: str | None, as_json: bool) -> None:
-    """Have every organisation agree on the contract that is installed now, while the former one runs on."""
-    made = open_at(directory)
-    with made.directory.lock(), progress(quiet=as_json) as report:
-        _, done = asyncio.run(upgrading.upgrade(made, report, endorsement=endorsement))
-    if as_json:
-        click.echo(json.dumps(done.as_json()))
-        return
-    what = f"version {done.agreement.version}, sequence {done.agreement.sequence}, endorsement {done.endorsement}"
-    click.echo(f"agreed   {what}" if done.changed else f"nothing to agree on: {what} holds already")
-
-
-@network.command("add-org")
-@click.argument("msp_id")
-@dir_option
-@click.option("--kind", required=True, type=click.Choice(["pads", "fleet"]), help="What it does.")
-@click.option("--peers", default=1, show_default=True, type=click.IntRange(1, 20), help="How many peers it runs.")
-@click.option("--endorsement", metavar="POLICY", help="Agree on this policy, too; it names the organisation.")
-@json_option
-def add_org(*, msp_id: str, directory: Path, kind: str, peers: int, endorsement: str | None, as_json: bool) -> None:
-    """Have another organisation join the running channel, with its own CA and peers.
-
-    \b
-    A second operator of pads:
-      wonderland network add-org Pad2MSP --kind pads
-    Its own pads' records then need its signature, and a transaction about nobody's pad its signature or the first
-    operator's. A policy of your own is changed by hand, for example to
-      --endorsement "AND('AuthorityMSP.peer', OR('PadMSP.peer', 'Pad2MSP.peer'))"
-    """  # noqa: D301 - \b is click's mark for "do not wrap"
-    made = open_at(directory)
-    try:
-        organisation = Organisation.parse({"msp_id": msp_id, "kind": kind, "peers": peers})
-    except RecordError as error:
-        raise click.ClickException(str(error)) from error
-    with made.directory.lock(), progress(quiet=as_json) as report:
-
-        async def run() -> expansion.Joined:
-            return await expansion.add_organisation(
-                made, await servers.check_binaries(), organisation, report, endorsement=endorsement
-            )
-
-        joined = asyncio.run(run())
-    connection = made.directory.organisation(msp_id).connection_file
-    if as_json:
-        agreed = None if joined.upgrade is None else joined.upgrade.as_json()
-        click.echo(
-            json.dumps({"msp_id": msp_id, "block": joined.block, "connection": str(connection), "agreement": agreed})
-        )
-        return
-    click.echo(f"{msp_id} takes part{'' if joined.block is None else f' since block {joined.block}'}")
-    click.echo(f"connect  {connection}")
 
 
 @network.command()

@@ -44,33 +44,36 @@ def compute_update(channel: str, old: Any, new: Any) -> Any | None:
     return configtx_pb2.ConfigUpdate(channel_id=channel, read_set=read_set, write_set=write_set)
 
 
-def signed_update(
+def signature_over(update: bytes, signer: SigningIdentity, random_bytes: Callable[[int], bytes]) -> Any:
+    """``common.ConfigSignature`` of one administrator over a ``common.ConfigUpdate``."""
+    header = serialise(common_pb2.SignatureHeader(creator=signer.creator, nonce=random_bytes(NONCE_BYTES)))
+    return configtx_pb2.ConfigSignature(signature_header=header, signature=signer.sign(header + update))
+
+
+def enveloped(
     channel: str,
-    update: Any,
-    signers: Sequence[SigningIdentity],
+    update: bytes,
+    signatures: Sequence[Any],
+    submitter: SigningIdentity,
     *,
     now_ns: int,
     random_bytes: Callable[[int], bytes],
 ) -> bytes:
-    """The envelope for an orderer: the update, each signer's signature over it, and the first one's around it all.
+    """The envelope for an orderer: the update, the signatures over it, and the submitter's around it all.
 
-    The signature around it does not count towards any policy, so that the first signs twice.
+    The signature around it does not count towards any policy, so that who submits signs twice.
     """
-    data = serialise(update)
-    envelope = configtx_pb2.ConfigUpdateEnvelope(config_update=data)
-    for signer in signers:
-        header = serialise(common_pb2.SignatureHeader(creator=signer.creator, nonce=random_bytes(NONCE_BYTES)))
-        envelope.signatures.add(signature_header=header, signature=signer.sign(header + data))
+    envelope = configtx_pb2.ConfigUpdateEnvelope(config_update=update, signatures=signatures)
     channel_header = common_pb2.ChannelHeader(type=common_pb2.CONFIG_UPDATE, channel_id=channel)
     channel_header.timestamp.seconds, channel_header.timestamp.nanos = divmod(now_ns, 1_000_000_000)
     header = common_pb2.Header(
         channel_header=serialise(channel_header),
         signature_header=serialise(
-            common_pb2.SignatureHeader(creator=signers[0].creator, nonce=random_bytes(NONCE_BYTES))
+            common_pb2.SignatureHeader(creator=submitter.creator, nonce=random_bytes(NONCE_BYTES))
         ),
     )
     payload = serialise(common_pb2.Payload(header=header, data=serialise(envelope)))
-    return serialise(common_pb2.Envelope(payload=payload, signature=signers[0].sign(payload)))
+    return serialise(common_pb2.Envelope(payload=payload, signature=submitter.sign(payload)))
 
 
 async def update_channel(
@@ -89,30 +92,48 @@ async def update_channel(
         update = compute_update(network.channel, state.config.channel_group, new)
         if update is None:
             return None
-        envelope = signed_update(
-            network.channel,
-            update,
-            signers,
-            now_ns=int(network.now().timestamp() * 1e9),
-            random_bytes=network.random_bytes,
-        )
+        data = serialise(update)
+        signatures = [signature_over(data, signer, network.random_bytes) for signer in signers]
         try:
-            await _send(network, envelope)
+            return await submit_update(network, peers, data, signatures, signers[0], after=state.block_number)
         except RefusedError as error:
             if attempt + 1 < ATTEMPTS and any(sign in str(error) for sign in _CONFLICTS):
                 continue
             raise ChannelUpdateError(f"the ordering service refused the change: {error}") from error
-        numbers = await together(_settled(peer, network.channel, state.block_number) for peer in peers)
-        return min(numbers)
     raise ChannelUpdateError("other changes of the channel kept coming between; try again")
 
 
+async def submit_update(
+    network: Network,
+    peers: Sequence[PeerAdmin],
+    update: bytes,
+    signatures: Sequence[Any],
+    submitter: SigningIdentity,
+    *,
+    after: int,
+) -> int:
+    """Have a signed update made, and wait until these peers have a configuration block later than `after`; its number.
+
+    Raises `RefusedError` with the orderer's reason, `UnreachableError`.
+    """
+    envelope = enveloped(
+        network.channel,
+        update,
+        signatures,
+        submitter,
+        now_ns=int(network.now().timestamp() * 1e9),
+        random_bytes=network.random_bytes,
+    )
+    await _send(network, envelope)
+    return min(await together(_settled(peer, network.channel, after) for peer in peers))
+
+
 async def _send(network: Network, envelope: bytes) -> None:
-    """To whichever orderer takes it."""
+    """To whichever orderer takes it, those that run here first."""
     deadline = time.monotonic() + SETTLE_S
     while True:
         last: Exception | None = None
-        for member in network.orderers:
+        for member in dict.fromkeys((*network.orderers, *network.every_orderer)):
             try:
                 async with network.broadcast(member) as orderer:
                     await orderer.send(envelope)

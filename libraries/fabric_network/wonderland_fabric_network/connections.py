@@ -15,6 +15,7 @@ from wonderland_fabric_gateway.connection import (
 )
 from wonderland_fabric_gateway.embedded.organisations import ROLES
 from wonderland_fabric_network.authorities import Certified
+from wonderland_fabric_network.certificates import signing_identity
 from wonderland_fabric_network.layout import CLIENT
 from wonderland_fabric_network.settings import ca_name
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    from wonderland_fabric_gateway.identity import SigningIdentity
     from wonderland_fabric_network.network import Member, Network
 
 KIND: Final = "fabric"
@@ -36,6 +38,13 @@ ROLES_OF_KIND: Final = {
 def first_identities(kind: str) -> tuple[Certified, ...]:
     """One identity per role, for the first start of an organisation of that kind."""
     return tuple(Certified.with_role(name, name, ROLES[name].pol_id) for name in ROLES_OF_KIND[kind])
+
+
+def first_identity(network: Network) -> SigningIdentity:
+    """Somebody of the first organisation here, to ask the contract as. Raises `LedgerError`."""
+    home = network.organisations[0]
+    name = first_identities(home.kind)[0].name
+    return signing_identity(home.msp_id, network.directory.organisation(home.msp_id).identity(name))
 
 
 def write_first(network: Network) -> None:

@@ -235,6 +235,16 @@ class NetworkDescription(Record):
         """The same network with one more organisation. Raises `DescriptionError`."""
         return self._checked(replace(self, organisations=(*self.organisations, organisation)))
 
+    def without_organisation(self, msp_id: str) -> Self:
+        """The same network without one. Raises `DescriptionError`."""
+        kept = tuple(each for each in self.organisations if each.msp_id != msp_id)
+        return self._checked(replace(self, organisations=kept))
+
+    def with_batching(self, timeout_ms: int, count: int) -> Self:
+        """The same network with other blocks. Raises `DescriptionError`."""
+        ordering = replace(self.ordering, batch_timeout_ms=timeout_ms, batch_count=count)
+        return self._checked(replace(self, ordering=ordering))
+
     def _checked(self, changed: Self) -> Self:
         try:
             return type(self).parse(changed.to_json())
@@ -260,6 +270,28 @@ def standard_endorsement(organisations: Sequence[Organisation]) -> str:
     return f"AND({', '.join(filter(None, (authority, operators)))})"
 
 
+def extended_endorsement(description: NetworkDescription) -> str | None:
+    """The standard policy with all operators of pads, where the present one is the standard one without some.
+
+    None where the present one names them all. Raises `DescriptionError` for a policy that only people can extend.
+    """
+    present = description.contract.policy
+    silent = [
+        each for each in description.organisations if each.kind == PADS and each.msp_id not in present.organisations
+    ]
+    if not silent:
+        return None
+    before = [each for each in description.organisations if each not in silent]
+    standard = standard_endorsement(description.organisations)
+    if present.envelope() != parse_endorsement(standard_endorsement(before)).envelope():
+        names = ", ".join(each.msp_id for each in silent)
+        raise DescriptionError(
+            f"{names} operates pads, whose records need its signature, and the endorsement policy {present.text} is "
+            f"one of your own. Next: say with --endorsement what it becomes, for example {standard}"
+        )
+    return standard
+
+
 def json_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of network.yaml."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **NetworkDescription.json_schema()}
@@ -274,6 +306,7 @@ __all__ = [
     "Ordering",
     "OrderingOrganisation",
     "Organisation",
+    "extended_endorsement",
     "json_schema",
     "standard_endorsement",
 ]

@@ -11,9 +11,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from fabric_protos.common import policies_pb2
+from fabric_protos.msp import msp_principal_pb2
 from fabric_protos.peer import policy_pb2
 
 from wonderland_fabric_gateway.channel_groups import serialise
+from wonderland_fabric_gateway.protobuf import decode
 from wonderland_fabric_gateway.signature_policies import role_principal
 from wonderland_fabric_network.errors import DescriptionError
 
@@ -63,6 +65,16 @@ def parse_endorsement(text: str) -> EndorsementPolicy:
     rule = parser.rule(0)
     parser.end()
     return EndorsementPolicy(text, rule, tuple(parser.principals))
+
+
+def organisations_of(validation_parameter: bytes) -> frozenset[str]:
+    """The MSP ids that a committed definition's policy (``protos.ApplicationPolicy``) names."""
+    what = "endorsement policy"
+    policy = decode(policy_pb2.ApplicationPolicy, validation_parameter, what, DescriptionError).signature_policy
+    return frozenset(
+        str(decode(msp_principal_pb2.MSPRole, each.principal, what, DescriptionError).msp_identifier)
+        for each in policy.identities
+    )
 
 
 @dataclass

@@ -18,15 +18,15 @@ from wonderland_fabric_network.bringing_up import BringUp, describe_organisation
 from wonderland_fabric_network.concurrency import together
 from wonderland_fabric_network.config_update import update_channel
 from wonderland_fabric_network.contract import build_package, installed_contract
-from wonderland_fabric_network.description import PADS, NetworkDescription, Organisation, standard_endorsement
-from wonderland_fabric_network.endorsement import parse_endorsement
-from wonderland_fabric_network.errors import DescriptionError, DirectoryStateError
+from wonderland_fabric_network.description import extended_endorsement
+from wonderland_fabric_network.errors import DirectoryStateError
 from wonderland_fabric_network.layout import MSP_ADMIN
 from wonderland_fabric_network.upgrading import Upgrade, upgrade
 
 if TYPE_CHECKING:
     from wonderland_fabric_network.binaries import Binaries
     from wonderland_fabric_network.bringing_up import Report
+    from wonderland_fabric_network.description import Organisation
     from wonderland_fabric_network.network import Network
     from wonderland_fabric_network.peers import PeerAdmin
 
@@ -49,6 +49,7 @@ async def add_organisation(
     one, it becomes that of the larger network by itself. May be run again after any failure, with the same
     organisation.
     """
+    network.require_whole()
     there = {each.msp_id: each for each in network.description.organisations}
     if there.get(organisation.msp_id) not in {None, organisation}:
         raise DirectoryStateError(
@@ -57,8 +58,8 @@ async def add_organisation(
     before = tuple(each.msp_id for each in network.organisations if each.msp_id != organisation.msp_id)
     if organisation.msp_id not in there:
         network = network.with_description(network.description.with_organisation(organisation))
-    if endorsement is None and organisation.kind == PADS:
-        endorsement = _extended(network.description, organisation)
+    if endorsement is None:
+        endorsement = extended_endorsement(network.description)
     if endorsement is not None:  # whether it makes sense, before anything is started
         network.description.with_endorsement(endorsement).require_pads_endorse()
     steps = BringUp(network, binaries, report)
@@ -90,24 +91,6 @@ async def add_organisation(
     if endorsement is not None:
         network, done = await upgrade(network, report, endorsement=endorsement)
     return Joined(network, block_number, done)
-
-
-def _extended(description: NetworkDescription, organisation: Organisation) -> str | None:
-    """The standard policy with this operator of pads, where the present one is the standard one without it.
-
-    None where the present one names it already. Raises `DescriptionError` for a policy that only people can extend.
-    """
-    present = description.contract.policy
-    if organisation.msp_id in present.organisations:
-        return None
-    before = [each for each in description.organisations if each != organisation]
-    standard = standard_endorsement(description.organisations)
-    if present.envelope() != parse_endorsement(standard_endorsement(before)).envelope():
-        raise DescriptionError(
-            f"{organisation.msp_id} operates pads, whose records need its signature, and the endorsement policy "
-            f"{present.text} is one of your own. Next: say with --endorsement what it becomes, for example {standard}"
-        )
-    return standard
 
 
 async def _admit(network: Network, peers: list[PeerAdmin], msp_id: str, signing: tuple[str, ...]) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from contextlib import AsyncExitStack
@@ -20,6 +21,7 @@ from wonderland_fabric_network.membership import (
     Membership,
     OrdererCard,
     PeerCard,
+    Roster,
     require_members,
     shared_sha256,
 )
@@ -33,11 +35,22 @@ if TYPE_CHECKING:
     from wonderland_fabric_network.layout import NetworkDirectory
 
 
-def new_part(directory: NetworkDirectory, description: NetworkDescription, mine: Sequence[str]) -> Network:
-    """One member's part of a network, with nothing running yet. Raises `NetworkError`; may be repeated."""
+def new_part(
+    directory: NetworkDirectory, description: NetworkDescription, mine: Sequence[str], roster: Roster | None = None
+) -> Network:
+    """One member's part of a network, with nothing running yet. Raises `NetworkError`; may be repeated.
+
+    `roster`: of a network that was founded already, which `description` has with the newcomer.
+    """
     require_members(mine, description)
-    description.require_pads_endorse()
-    installed_contract(description.contract.package)
+    contract = installed_contract(description.contract.package)
+    if roster is None:
+        description.require_pads_endorse()
+    elif (contract.version, contract.sha256) != (roster.contract.version, roster.contract.sha256):
+        raise DirectoryStateError(
+            f"the members agreed on contract {roster.contract.version} (source {roster.contract.sha256[:12]}); "
+            f"installed here is {contract.version} (source {contract.sha256[:12]}). Next: install theirs"
+        )
     directory.prepare()
     membership = load_membership(directory)
     if directory.description_file.exists():
@@ -48,13 +61,19 @@ def new_part(directory: NetworkDirectory, description: NetworkDescription, mine:
                 "`wonderland network destroy`"
             )
     membership = membership or Membership(tuple(mine))
+    if roster is not None:
+        membership = Membership(membership.mine, {card.msp_id: card for card in roster.cards} | dict(membership.cards))
+        keep_cards(directory, roster.cards)
+        write_atomic(directory.block_file, roster.block, PUBLIC)
     write_atomic(directory.mine_file, json.dumps({"mine": list(mine)}).encode() + b"\n", PUBLIC)
     listening = ports.allot(directory.ports_file, description, os.urandom, membership)
     description.save(directory.description_file)
     return Network(directory, description, listening, membership=membership)
 
 
-async def make_cards(network: Network, binaries: Binaries, report: Report) -> list[MemberCard]:
+async def make_cards(
+    network: Network, binaries: Binaries, report: Report, *, newcomer: bool = False
+) -> list[MemberCard]:
     """The own organisations' cards, their CAs and servers started for them. Made once. Raises `LedgerError`."""
     membership = network.membership
     assert membership is not None
@@ -66,7 +85,7 @@ async def make_cards(network: Network, binaries: Binaries, report: Report) -> li
     async with AsyncExitStack() as stack:
         report("certificates", "starting the CA")
         await together(steps.organisation(msp_id, stack) for msp_id in network.msp_ids)
-    cards = [_card(network, msp_id) for msp_id in membership.mine]
+    cards = [_card(network, msp_id, newcomer=newcomer) for msp_id in membership.mine]
     keep_cards(network.directory, cards)
     return cards
 
@@ -86,14 +105,19 @@ def meet(network: Network, cards: Collection[MemberCard]) -> Network:
     return Network(network.directory, network.description, listening, membership=known)
 
 
-def _card(network: Network, msp_id: str) -> MemberCard:
+def _card(network: Network, msp_id: str, *, newcomer: bool) -> MemberCard:
     organisation = network.directory.organisation(msp_id)
     contract = installed_contract(network.description.contract.package)
     consenters = [network.consenter(member) for member in network.orderers if member.msp_id == msp_id]
     return MemberCard.parse(
         MemberCard(
             msp_id=msp_id,
-            description_sha256=shared_sha256(network.description),
+            network_sha256=(
+                hashlib.sha256(network.directory.block_file.read_bytes()).hexdigest()
+                if newcomer
+                else shared_sha256(network.description)
+            ),
+            kind=network.description.organisation(msp_id).kind if newcomer else None,
             contract=ContractCard(version=contract.version, sha256=contract.sha256),
             t_s=int(network.now().timestamp()),
             host=network.description.host,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -11,12 +12,13 @@ import click
 from rich.table import Table
 
 from wonderland.consoles import for_people
+from wonderland.proofs.errors import RecordError
 from wonderland_fabric_gateway.files import PUBLIC, write_atomic
 from wonderland_fabric_network import binaries as servers
 from wonderland_fabric_network import bringing_up, founding
-from wonderland_fabric_network.cards import read_card
+from wonderland_fabric_network.cards import read_card, read_roster
 from wonderland_fabric_network.console import dir_option, open_at, progress
-from wonderland_fabric_network.description import NetworkDescription
+from wonderland_fabric_network.description import KINDS, NetworkDescription, Organisation
 from wonderland_fabric_network.layout import NetworkDirectory
 from wonderland_fabric_network.membership import MemberCard, fingerprint, moment
 from wonderland_fabric_network.network import Network
@@ -28,44 +30,91 @@ from wonderland_fabric_network.network import Network
 @click.option(
     "--file",
     "file",
-    required=True,
     type=click.Path(dir_okay=False, exists=True, path_type=Path),
-    help="The description that all members agreed on: the same network.yaml for everybody.",
+    help="The description that all founders agreed on: the same network.yaml for everybody.",
 )
+@click.option(
+    "--roster",
+    type=click.Path(dir_okay=False, exists=True, path_type=Path),
+    help="Of a network that was founded already, which you would join: a member's `network roster` wrote it.",
+)
+@click.option("--kind", type=click.Choice(KINDS), help="What you do, where you would join.")
+@click.option(
+    "--peers", type=click.IntRange(1, 20), default=1, show_default=True, help="How many, where you would join."
+)
+@click.option("--yes", is_flag=True, help="Do not ask whether the fingerprint was compared.")
 @click.option("--host", help="This machine's address, by which the others reach its servers.")
 @click.option("--first-port", type=click.IntRange(1, 60_000), help="Its ports are counted up from here.")
 @click.option(
     "--to", "target", default=".", type=click.Path(file_okay=False, path_type=Path), help="Where the cards are written."
 )
 def card(
-    *, msp_ids: tuple[str, ...], directory: Path, file: Path, host: str | None, first_port: int | None, target: Path
+    *,
+    msp_ids: tuple[str, ...],
+    directory: Path,
+    file: Path | None,
+    roster: Path | None,
+    kind: str | None,
+    peers: int,
+    yes: bool,
+    host: str | None,
+    first_port: int | None,
+    target: Path,
 ) -> None:
     """Begin one member's part of a network: its CAs, keys and servers; and write its card for the others.
 
     \b
-    Each member, on its own machine, with its own organisations:
+    Founders, each on its own machine, with its own organisations:
       wonderland network card PadMSP PadOrdererMSP --file network.yaml --host pads.example
     Nothing on a card is secret. Give it to the others, and take theirs:
       wonderland network meet AuthorityMSP.card FleetMSP.card …
+    \b
+    Who joins later begins with what a member gave it, and gives it the card:
+      wonderland network card Pad2MSP --roster wonderland.roster --kind pads --host pads2.example
     """  # noqa: D301 - \b is click's mark for "do not wrap"
-    description = NetworkDescription.load(file)
-    description = replace(description, host=host or description.host, first_port=first_port or description.first_port)
+    if (file is None) == (roster is None):
+        raise click.UsageError("say one of --file (you found a network) and --roster (you join one)")
+    if (roster is None) != (kind is None):
+        raise click.UsageError("--roster and --kind belong together")
     servers.find_binaries()  # before anything is written
+    told = None if roster is None else read_roster(roster)
+    if told is None:
+        assert file is not None
+        description = NetworkDescription.load(file)
+    else:
+        (joining,) = msp_ids if len(msp_ids) == 1 else (None,)
+        if joining is None:
+            raise click.UsageError("one organisation joins at a time")
+        try:
+            organisation = Organisation.parse({"msp_id": joining, "kind": kind, "peers": peers})
+        except RecordError as error:
+            raise click.UsageError(str(error)) from error
+        description = told.description.with_organisation(organisation)
+        _show_members(told.cards, told.description, ())
+        click.echo(f"first block  {fingerprint(told.block)}")
+        if not yes:
+            click.confirm("Does a member that you trust read the same (`wonderland network roster`)?", abort=True)
+    description = replace(description, host=host or description.host, first_port=first_port or description.first_port)
     places = NetworkDirectory(directory)
     places.prepare()
     with places.lock(), progress() as report:
-        made = founding.new_part(places, description, msp_ids)
+        made = founding.new_part(places, description, msp_ids, told)
 
         async def run() -> list[MemberCard]:
-            return await founding.make_cards(made, await servers.check_binaries(), report)
+            return await founding.make_cards(made, await servers.check_binaries(), report, newcomer=told is not None)
 
         cards = asyncio.run(run())
     target.mkdir(parents=True, exist_ok=True)
     for each in cards:
         path = target / f"{each.msp_id}.card"
         write_atomic(path, each.to_bytes() + b"\n", PUBLIC)
-        click.echo(f"card     {path}")
-    click.echo("Give it to the other members, and `wonderland network meet` theirs. Nothing on it is secret.")
+        click.echo(f"card     {path}  {each.fingerprint}")
+    click.echo(
+        "Give it to the other members, and `wonderland network meet` theirs. Nothing on it is secret."
+        if told is None
+        else "Give it to a member, who proposes it to the others; read them its fingerprint. Then `wonderland network "
+        "up`, which waits until they have admitted you."
+    )
 
 
 @click.command()
@@ -103,26 +152,29 @@ def meet(*, cards: tuple[Path, ...], directory: Path, yes: bool) -> None:
 def _show(network: Network) -> None:
     membership, description = network.membership, network.description
     assert membership is not None
+    _show_members(membership.cards.values(), description, membership.mine)
+    policy, ordering = description.contract.endorsement, description.ordering
+    contract = next(iter(membership.cards.values())).contract
+    click.echo(f"contract  {contract.version}, source {contract.sha256[:16]}; signed by {policy}")
+    click.echo(f"ordering  {ordering.consensus}, {ordering.count} orderers")
+
+
+def _show_members(cards: Iterable[MemberCard], description: NetworkDescription, mine: Collection[str]) -> None:
     kinds = {each.msp_id: each.kind for each in description.organisations}
     table = Table(box=None, pad_edge=False)
     for heading in ("member", "does", "at", "peers", "orderers", "card of"):
         table.add_column(heading)
-    for msp_id, each in membership.cards.items():
-        own = " (this one)" if msp_id in membership.mine else ""
+    for each in cards:
+        own = " (this one)" if each.msp_id in mine else ""
         table.add_row(
-            f"{msp_id}{own}",
-            kinds.get(msp_id, "orders blocks"),
+            f"{each.msp_id}{own}",
+            kinds.get(each.msp_id, "orders blocks"),
             each.host,
             str(len(each.peers)),
             str(len(each.orderers)),
             moment(each),
         )
-    console = for_people()
-    console.print(table)
-    policy, ordering = description.contract.endorsement, description.ordering
-    contract = next(iter(membership.cards.values())).contract
-    console.print(f"contract  {contract.version}, source {contract.sha256[:16]}; signed by {policy}", highlight=False)
-    console.print(f"ordering  {ordering.consensus}, {ordering.count} orderers", highlight=False)
+    for_people().print(table)
 
 
 COMMANDS: Final = (card, meet)

@@ -158,6 +158,11 @@ async def agree(network: Network, peers: Sequence[PeerAdmin], definition: Defini
     await commit(peers[0], network.channel, definition, list(first))
 
 
+def is_stranger(error: RefusedError) -> bool:
+    """Whether a peer does not know who asks: before it has the block that admits its own organisation."""
+    return "creator org unknown" in str(error) or "access denied" in str(error)
+
+
 async def wait_definition(peer: PeerAdmin, channel: str, name: str, sequence: int) -> None:
     """Wait until a peer knows that the channel agreed on a sequence. Raises `ComponentError`."""
     deadline = time.monotonic() + RETRY_S
@@ -165,8 +170,7 @@ async def wait_definition(peer: PeerAdmin, channel: str, name: str, sequence: in
         try:
             definition = await peer.definition(channel, name)
         except RefusedError as error:
-            # A peer that has just joined does not know itself until it has the block that admits it.
-            if "creator org unknown" not in str(error) and "access denied" not in str(error):
+            if not is_stranger(error):
                 raise
             definition = None
         if definition is not None and definition.sequence >= sequence:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Annotated, Final
 
@@ -19,12 +19,13 @@ from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 
 from wonderland.proofs import encoding
 from wonderland.proofs.errors import ProofError, RecordError
-from wonderland.proofs.records.schema import Described, Integer, Items, Record, Text
+from wonderland.proofs.records.schema import Binary, Choice, Described, Integer, Items, Record, Text
 from wonderland_fabric_gateway.certificates import certificate_of
-from wonderland_fabric_network.description import MSP_ID, ONE, NetworkDescription
+from wonderland_fabric_network.description import KINDS, MSP_ID, ONE, NetworkDescription, Organisation
 from wonderland_fabric_network.errors import DescriptionError
 
 MAX_CARD_BYTES: Final = 256 * 1024
+MAX_ROSTER_BYTES: Final = 32 << 20
 NONCE_BYTES: Final = 24
 _LOCAL: Final = ("hosts", "host", "first_port", "certificates")
 """What of a description is each member's own affair."""
@@ -63,12 +64,15 @@ class MemberCard(Record):
 
     RECORD = "MemberCard"
     msp_id: Annotated[str, Text(63, MSP_ID, "The organisation's name on the channel")]
-    description_sha256: Annotated[str, Text(64, _SHA256, "Over the description that it agreed to")]
+    network_sha256: Annotated[
+        str, Text(64, _SHA256, "Over the description that it agreed to; a newcomer's: over the channel's first block")
+    ]
     contract: Annotated[ContractCard, Described("The contract that is installed there")]
     t_s: Annotated[int, Integer(0, 1 << 40, "When the card was made: seconds since 1970")]
     host: Annotated[str, Text(253, r"[A-Za-z0-9]([A-Za-z0-9.:-]*[A-Za-z0-9])?", "Where its servers are", 1)]
     root: _Pem
     tls_root: _Pem
+    kind: Annotated[str | None, Choice(KINDS, "What it does; on the card of one that is no member yet")] = None
     peers: Annotated[tuple[PeerCard, ...], Items(0, 20, "Its peers")] = ()
     orderers: Annotated[tuple[OrdererCard, ...], Items(0, 20, "Its orderers")] = ()
 
@@ -94,9 +98,33 @@ class MemberCard(Record):
         """Canonical JSON: the same bytes for everybody."""
         return encoding.encode(self.to_json())
 
+    @property
+    def fingerprint(self) -> str:
+        """What people read to each other, to know that it is the same card."""
+        return fingerprint(self.to_bytes())
+
+    def newcomer(self) -> Organisation:
+        """The organisation that would join. Raises `DescriptionError` where it is no newcomer's card."""
+        if self.kind is None or not self.peers:
+            raise DescriptionError(
+                f"the card of {self.msp_id} does not say what it will do (kind), or has no peers: it is not a "
+                "newcomer's. Next: there, `wonderland network card --roster FILE --kind …`"
+            )
+        if self.orderers:
+            raise DescriptionError(f"the card of {self.msp_id} has orderers; those join with the founders only")
+        return Organisation(msp_id=self.msp_id, kind=self.kind, peers=len(self.peers))
+
+    def require_for(self, block: bytes) -> None:
+        """Raise `DescriptionError` unless this newcomer means the channel that begins with that block."""
+        if self.network_sha256 != hashlib.sha256(block).hexdigest():
+            raise DescriptionError(
+                f"the card of {self.msp_id} is for another channel than the one that begins with {fingerprint(block)}. "
+                "Next: give it this network's roster (`wonderland network roster`), and take its new card"
+            )
+
     def require_fits(self, description: NetworkDescription) -> None:
         """Raise `DescriptionError` unless it is the card of a member of that network, as described."""
-        if self.description_sha256 != shared_sha256(description):
+        if self.network_sha256 != shared_sha256(description):
             raise DescriptionError(
                 f"the card of {self.msp_id} is for another description: somebody changed network.yaml. Next: compare "
                 "the files, then each member begins anew with the same one"
@@ -110,6 +138,41 @@ class MemberCard(Record):
                 f"the card of {self.msp_id} has {len(self.peers)} peers and {len(self.orderers)} orderers; "
                 f"network.yaml has {peers} and {orderers}"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Roster(Record):
+    """A network that was founded, as a newcomer is told of it. Nothing in it is secret.
+
+    What counts is the first block, whose fingerprint people compare; all else is checked against what the channel says
+    once the newcomer hears it.
+    """
+
+    RECORD = "NetworkRoster"
+    description: Annotated[NetworkDescription, Described("The network as it is now")]
+    contract: Annotated[ContractCard, Described("The contract that its members agreed on")]
+    first_block: Annotated[str, Binary(1, 1 << 20, "The channel's first block")]
+    cards: Annotated[tuple[MemberCard, ...], Items(1, 100, "Of all members")]
+
+    @classmethod
+    def read(cls, data: bytes, source: str) -> Roster:
+        """A roster of a file. Raises `DescriptionError`."""
+        try:
+            return cls.decode(data, max_bytes=MAX_ROSTER_BYTES)
+        except ProofError as cause:
+            raise DescriptionError(f"{source}: no roster of a network ({cause})") from cause
+
+    def validate(self, path: str) -> None:
+        """Each organisation has its card."""
+        prefix = f"{path}." if path else ""
+        names = tuple(card.msp_id for card in self.cards)
+        if sorted(names) != sorted(all_msp_ids(self.description)):
+            raise RecordError(f"{prefix}cards", f"are of {', '.join(names)}, which is not the description's list")
+
+    @property
+    def block(self) -> bytes:
+        """The channel's first block."""
+        return encoding.from_base64url(self.first_block)
 
 
 @dataclass(frozen=True)
@@ -156,6 +219,14 @@ class Membership:
             known[card.msp_id] = card
         return Membership(self.mine, MappingProxyType(known))
 
+    def with_newcomer(self, card: MemberCard) -> Membership:
+        """With one whom the members admitted."""
+        return Membership(self.mine, MappingProxyType({**self.cards, card.msp_id: card}))
+
+    def without(self, msp_id: str) -> Membership:
+        """Without one that left."""
+        return Membership(self.mine, MappingProxyType({k: v for k, v in self.cards.items() if k != msp_id}))
+
     def founding(self) -> tuple[int, bytes]:
         """The first block's time (s since 1970) and nonce, the same for all who have the same cards."""
         digests = [hashlib.sha256(self.cards[msp_id].to_bytes()).digest() for msp_id in sorted(self.cards)]
@@ -186,9 +257,15 @@ def shared_sha256(description: NetworkDescription) -> str:
     return hashlib.sha256(encoding.encode(document)).hexdigest()
 
 
-def fingerprint(block: bytes) -> str:
-    """What people read to each other: 128 bits of a block's SHA-256."""
-    digest = hashlib.sha256(block).hexdigest()[:32]
+def public_part(description: NetworkDescription) -> NetworkDescription:
+    """The description without what is each member's own affair."""
+    own = NetworkDescription()
+    return replace(description, **{name: getattr(own, name) for name in _LOCAL})
+
+
+def fingerprint(data: bytes) -> str:
+    """What people read to each other, of a block or a card: 128 bits of its SHA-256."""
+    digest = hashlib.sha256(data).hexdigest()[:32]
     return "-".join(digest[i : i + 4] for i in range(0, 32, 4))
 
 

@@ -81,11 +81,21 @@ class Network:
         self.now: Final = now
         self.random_bytes: Final = random_bytes
 
-    def with_description(self, description: NetworkDescription) -> Network:
-        """The same network as it will be; ports for what is new are chosen. Nothing else is written."""
-        self.require_whole()
-        listening = ports.allot(self.directory.ports_file, description, self.random_bytes)
-        return Network(self.directory, description, listening, now=self.now, random_bytes=self.random_bytes)
+    def with_description(self, description: NetworkDescription, membership: Membership | None = None) -> Network:
+        """The same network as it will be, with these members where given; ports for what is new are chosen.
+
+        Nothing else is written.
+        """
+        membership = membership or self.membership
+        listening = ports.allot(self.directory.ports_file, description, self.random_bytes, membership)
+        return Network(
+            self.directory,
+            description,
+            listening,
+            membership=membership,
+            now=self.now,
+            random_bytes=self.random_bytes,
+        )
 
     def require_whole(self) -> None:
         """Raise `DirectoryStateError` where this directory has the keys of some organisations only."""

@@ -20,6 +20,7 @@ from wonderland_fabric_gateway.connection import CHANNEL_OPTIONS, ClientTls
 from wonderland_fabric_gateway.gateway import Gateway
 from wonderland_fabric_gateway.gateways import Gateways
 from wonderland_fabric_gateway.protobuf import decode
+from wonderland_fabric_gateway.verification.channel_trust import ChannelTrust
 from wonderland_fabric_network.errors import RefusedError, UnreachableError
 
 if TYPE_CHECKING:
@@ -116,6 +117,12 @@ class PeerAdmin:
         payload = self._decode(common_pb2.Payload, envelope.payload)
         config = self._decode(configtx_pb2.ConfigEnvelope, payload.data).config
         return ChannelState(int(block.header.number), data, config)
+
+    async def trust(self, channel: str) -> ChannelTrust:
+        """Whom the channel trusts now. Raises `UnreachableError`, `RefusedError`, `BlockError`."""
+        state = await self.channel_state(channel)
+        block = self._decode(common_pb2.Block, state.block)
+        return ChannelTrust.of(state.block_number, block.data.data[0])
 
     async def installed(self) -> dict[str, str]:
         """Label by package id of the contracts that are installed. Raises `UnreachableError`, `RefusedError`."""

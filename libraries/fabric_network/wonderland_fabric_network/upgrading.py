@@ -10,10 +10,11 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from wonderland_fabric_network import certificates, lifecycle
-from wonderland_fabric_network.agreement import Agreement, load_agreement, save_agreement
+from wonderland_fabric_network import lifecycle
+from wonderland_fabric_network.agreement import Agreement, load_agreement, require_installed, save_agreement
 from wonderland_fabric_network.bringing_up import ensure_contract_tls
 from wonderland_fabric_network.concurrency import together
+from wonderland_fabric_network.connections import first_identity
 from wonderland_fabric_network.contract import (
     SLOTS,
     ContractPackage,
@@ -21,10 +22,14 @@ from wonderland_fabric_network.contract import (
     build_package,
     installed_contract,
 )
+from wonderland_fabric_network.description import extended_endorsement
 from wonderland_fabric_network.errors import DirectoryStateError
 from wonderland_fabric_network.network import Network, contract_component
+from wonderland_fabric_network.with_others import WithOthers
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from wonderland_fabric_network.bringing_up import Report
     from wonderland_fabric_network.peers import CommittedDefinition, PeerAdmin
 
@@ -48,13 +53,20 @@ class Upgrade:
         }
 
 
-async def upgrade(network: Network, report: Report, *, endorsement: str | None = None) -> tuple[Network, Upgrade]:
+async def upgrade(
+    network: Network, report: Report, *, endorsement: str | None = None, without: Collection[str] = ()
+) -> tuple[Network, Upgrade]:
     """Agree on the installed contract, and on `endorsement` where given. Raises `NetworkError`.
 
-    Returns the network with its changed description, too.
+    Where each member has its own part this is one member's approval, and it waits for the others', except for those of
+    `without`. A newcomer that operates pads becomes part of the standard policy by itself. Returns the network with its
+    changed description, too.
     """
     network.require_here()
-    network.require_whole()
+    if not network.peers:
+        raise DirectoryStateError(f"{', '.join(network.msp_ids)} orders blocks only, and has no say in the contract")
+    if endorsement is None:
+        endorsement = extended_endorsement(network.description)
     if endorsement is not None:
         network = network.with_description(network.description.with_endorsement(endorsement))
     installed = installed_contract(network.description.contract.package)
@@ -64,7 +76,9 @@ async def upgrade(network: Network, report: Report, *, endorsement: str | None =
         if committed is None:
             raise DirectoryStateError("there is no contract on the channel yet; `wonderland network up` agrees on one")
         former = load_agreement(network.directory.contract_file)
-        done = _Upgrading(network, report, peers, installed, committed, former)
+        if network.membership is not None and former is not None and former.version == installed.version:
+            require_installed(former, installed)  # the others could not tell it from the one that they approved
+        done = _Upgrading(network, report, peers, installed, committed, former, without)
         result = await done.run()
     network.description.save(network.directory.description_file)
     return network, result
@@ -79,6 +93,7 @@ class _Upgrading:
         installed: InstalledContract,
         committed: CommittedDefinition,
         former: Agreement | None,
+        without: Collection[str],
     ) -> None:
         self._network = network
         self._report = report
@@ -86,26 +101,29 @@ class _Upgrading:
         self._installed = installed
         self._committed = committed
         self._former = former
+        self._without = without
         self._name = network.description.contract.name
 
     async def run(self) -> Upgrade:
         network, committed = self._network, self._committed
         parameter = network.description.contract.policy.validation_parameter()
+        wanted_is_there = (committed.version, committed.validation_parameter) == (self._installed.version, parameter)
         slot = await self._approved_slot()
-        changed = slot is None or committed.validation_parameter != parameter
+        changed = not wanted_is_there or (slot is None and network.membership is None)
         package = self._package(slot or self._free_slot())
         sequence = committed.sequence + 1 if changed else committed.sequence
         agreement = Agreement(
             sequence, self._installed.version, self._installed.sha256, package.slot, package.package_id
         )
+        wanted = lifecycle.Definition(self._name, sequence, self._installed.version, parameter)
         await self._serve(package)
         if changed:
             self._report("contract", f"agreeing on {self._name} {self._installed.version}, sequence {sequence}")
-            wanted = lifecycle.Definition(self._name, sequence, self._installed.version, parameter)
+        if network.membership is not None:  # also where the others went on, and this member's approval is missing
+            await WithOthers(network, self._report).settle(self._peers, wanted, package, self._without)
+        elif changed:
             await lifecycle.agree(network, self._peers, wanted, package)
-            await together(
-                lifecycle.wait_definition(peer, network.channel, self._name, sequence) for peer in self._peers
-            )
+        await together(lifecycle.wait_definition(peer, network.channel, self._name, sequence) for peer in self._peers)
         save_agreement(network.directory.contract_file, agreement)
         await self._probe()
         await self._retire(package.slot)
@@ -146,11 +164,8 @@ class _Upgrading:
             self._report("contract", f"{launch.name} serves {package.label}")
 
     async def _probe(self) -> None:
-        authority = self._peers[0].msp_id
-        inspector = certificates.signing_identity(
-            authority, self._network.directory.organisation(authority).identity("inspector")
-        )
-        await lifecycle.wait_answering(self._peers[0], inspector, self._network.channel, self._name, lifecycle.PROBE)
+        identity = first_identity(self._network)
+        await lifecycle.wait_answering(self._peers[0], identity, self._network.channel, self._name, lifecycle.PROBE)
 
     async def _retire(self, slot: str) -> None:
         """End the servers of the version before; they finish what they have."""

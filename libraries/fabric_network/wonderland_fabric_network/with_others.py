@@ -9,18 +9,21 @@ import asyncio
 import time
 from typing import TYPE_CHECKING, Final
 
-from wonderland_fabric_network import connections, lifecycle
-from wonderland_fabric_network.agreement import Agreement, require_installed, save_agreement
-from wonderland_fabric_network.certificates import signing_identity
+from wonderland_fabric_network import lifecycle
+from wonderland_fabric_network.agreement import Agreement, ContractDiffersError, require_installed, save_agreement
+from wonderland_fabric_network.changes import require_true_cards
 from wonderland_fabric_network.concurrency import together
+from wonderland_fabric_network.connections import first_identity
 from wonderland_fabric_network.contract import SLOTS, build_package
-from wonderland_fabric_network.errors import ComponentError, NetworkError, UnreachableError
+from wonderland_fabric_network.errors import ComponentError, NetworkError, RefusedError, UnreachableError
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from wonderland_fabric_network.bringing_up import Report
     from wonderland_fabric_network.contract import ContractPackage, InstalledContract
     from wonderland_fabric_network.network import Network
-    from wonderland_fabric_network.peers import PeerAdmin
+    from wonderland_fabric_network.peers import CommittedDefinition, PeerAdmin
 
 PATIENCE_S: Final = 3_600.0
 """For the other members; what was done until then stays."""
@@ -44,21 +47,52 @@ class WithOthers:
         if agreement is not None:
             require_installed(agreement, contract)
         package = build_package(described.name, contract, agreement.slot if agreement else SLOTS[0])
+        committed = await self._definition(peers[0], described.name)
+        assert network.membership is not None
+        require_true_cards(network.membership.cards.values(), await peers[0].trust(network.channel))
         wanted = lifecycle.Definition(
             described.name,
-            agreement.sequence if agreement else 1,
-            contract.version,
-            described.policy.validation_parameter(),
+            committed.sequence if committed else 1,
+            committed.version if committed else contract.version,
+            committed.validation_parameter if committed else described.policy.validation_parameter(),
         )
-        await together(lifecycle.install(peer, package) for peer in peers if peer.msp_id in network.endorsers)
-        while not await self._committed(peers[0], wanted):
-            await self._approve(peers, wanted, package)
-            await self._commit(peers[0], wanted)
+        if wanted.version != contract.version:
+            raise ContractDiffersError(
+                f"the others went on to contract version {wanted.version}; installed here is {contract.version}. Next: "
+                f"install {wanted.version}, and `wonderland network upgrade`"
+            )
+        await self.settle(peers, wanted, package)
         save_agreement(
             network.directory.contract_file,
             Agreement(wanted.sequence, contract.version, contract.sha256, package.slot, package.package_id),
         )
         await self._answering(peers)
+
+    async def settle(
+        self,
+        peers: list[PeerAdmin],
+        wanted: lifecycle.Definition,
+        package: ContractPackage,
+        without: Collection[str] = (),
+    ) -> None:
+        """Install, approve for each organisation here, and until the channel has agreed. Raises `NetworkError`.
+
+        `without`: whom not to wait for; Fabric asks for a majority.
+        """
+        await together(lifecycle.install(peer, package) for peer in peers if peer.msp_id in self._network.endorsers)
+        await self._approve(peers, wanted, package)
+        while not await self._committed(peers[0], wanted):
+            await self._commit(peers[0], wanted, without)
+
+    async def _definition(self, peer: PeerAdmin, name: str) -> CommittedDefinition | None:
+        """What the channel agreed on; a newcomer's peer learns it once the others admitted its organisation."""
+        while True:
+            try:
+                return await peer.definition(self._network.channel, name)
+            except RefusedError as error:
+                if not lifecycle.is_stranger(error):
+                    raise
+                await self._wait(f"the members to admit {peer.msp_id} (`propose --admit`, `sign`, `submit`)", None)
 
     async def _committed(self, peer: PeerAdmin, wanted: lifecycle.Definition) -> bool:
         definition = await peer.definition(self._network.channel, wanted.name)
@@ -78,8 +112,8 @@ class WithOthers:
                 else:
                     break
 
-    async def _commit(self, peer: PeerAdmin, wanted: lifecycle.Definition) -> None:
-        """Commit once all have approved; else wait a little."""
+    async def _commit(self, peer: PeerAdmin, wanted: lifecycle.Definition, without: Collection[str]) -> None:
+        """Commit once all that are waited for have approved; else wait a little."""
         try:
             approvals = await lifecycle.approvals(peer, self._network.channel, wanted)
         except NetworkError as error:
@@ -87,22 +121,21 @@ class WithOthers:
                 return
             await self._wait("its own peer", error)
             return
-        missing = sorted(msp_id for msp_id, approved in approvals.items() if not approved)
+        missing = sorted(each for each, approved in approvals.items() if not approved and each not in without)
         if missing:
-            await self._wait(f"{', '.join(missing)} to approve", None)
+            await self._wait(f"{', '.join(missing)} to approve the same: `wonderland network upgrade` there", None)
             return
-        self._report("contract", f"all approved: committing {wanted.name} {wanted.version}")
+        self._report("contract", f"approved: committing {wanted.name} {wanted.version}, sequence {wanted.sequence}")
+        endorsing = [each for each, approved in approvals.items() if approved]
         try:
-            await lifecycle.commit(peer, self._network.channel, wanted, list(approvals))
+            await lifecycle.commit(peer, self._network.channel, wanted, endorsing)
         except ComponentError as error:
             await self._wait("the others' peers", error)
 
     async def _answering(self, peers: list[PeerAdmin]) -> None:
         network = self._network
         self._report("contract", "waiting until the organisations that must endorse are reached")
-        who = connections.first_identities(network.organisations[0].kind)[0].name
-        home = network.organisations[0].msp_id
-        identity = signing_identity(home, network.directory.organisation(home).identity(who))
+        identity = first_identity(network)
         name = network.description.contract.name
         while True:
             try:
