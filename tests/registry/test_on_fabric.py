@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
 import subprocess
 import sys
@@ -155,3 +156,43 @@ def test_the_registry_without_a_browser_reads_and_changes_the_same(fabric_house,
     assert {f"CLI-{n}" for n in range(20)} | {DRONE} <= {row["uav_id"] for row in listed}
     registry("admin", "drones", "suspend", "CLI-3", "--reason", "lost")
     assert json.loads(registry("pad_operator", "drones", "show", "CLI-3").stdout)["status"] == "suspended"
+
+
+def test_what_was_begun_on_the_embedded_ledger_goes_on_here(fabric_house, tmp_path):
+    """`wonderland registry move`, by Fabric's peers: whose it was, his it stays."""
+    former, shared = tmp_path / "former", fabric_house.directory / "network" / "connection.json"
+
+    def wonderland(*arguments):
+        done = subprocess.run(
+            [WONDERLAND, "registry", *arguments], capture_output=True, text=True, timeout=60, check=False
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    command = [WONDERLAND, "ledger", "start", "--data", former, "--listen", "127.0.0.1:0", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as ledger:
+        try:
+            ledger.stdout.readline()
+            drone = (
+                "--uav-id",
+                "MOVED-1",
+                "--model",
+                "Owl",
+                "--operator-id",
+                "air",
+                "--openings",
+                tmp_path / "openings",
+            )
+            there = ("--connection", former / "connection.json", "--identity", "fleet_operator")
+            wonderland("drones", "add", *drone, "--registration", "FIN87astrdge12k8", *there)
+            to = ("move", "--from", former / "connection.json", "--connection", shared, "--identity")
+            assert "left for admin or fleet_operator of FleetMSP: 1" in wonderland(*to, "admin")
+            assert "1 done" in wonderland(*to, "fleet_operator")
+            assert "1 there already" in wonderland(*to, "fleet_operator")
+        finally:
+            ledger.terminate()
+    here = ("--connection", shared, "--identity", "mirror")
+    moved = json.loads(wonderland("drones", "show", "MOVED-1", *here))
+    opening = tmp_path / "openings" / "MOVED-1.json"
+    assert moved["registration_commitment"] == hashlib.sha256(opening.read_bytes()).hexdigest()
+    assert moved["msp_id"] == "FleetMSP"

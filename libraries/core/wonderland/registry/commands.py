@@ -17,7 +17,11 @@ _KINDS = {
 }
 
 
-@click.group(cls=LazyGroup, lazy={name: (f"wonderland.registry.groups:{name}", text) for name, text in _KINDS.items()})
+_GROUPS = {name: (f"wonderland.registry.groups:{name}", text) for name, text in _KINDS.items()}
+_MOVE = ("wonderland.registry.move_command:move", "Register here what holds on a former ledger.")
+
+
+@click.group(cls=LazyGroup, lazy=_GROUPS | {"move": _MOVE})
 def registry() -> None:
     """Pads, drones, maintenance, authorisations and policies on the ledger, without a browser.
 

@@ -26,6 +26,7 @@ from wonderland.registry.changes import OpeningsError
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.errors import LedgerError
 from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_gateway.identity import Identity
 
 FORMATS: Final = ("table", "csv", "json")
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -52,6 +53,13 @@ class Ledger:
             sent = f" Transaction {error.tx_id} may yet be committed: look before you try again." if error.tx_id else ""
             raise click.ClickException(f"{error}.{sent}") from error
         except (LedgerError, OpeningsError) as error:
+            raise click.ClickException(str(error)) from error
+
+    def who(self) -> Identity:
+        """Who that is, by its certificate."""
+        try:
+            return Connection.load(self.connection).identity(self.identity)
+        except LedgerError as error:
             raise click.ClickException(str(error)) from error
 
     @contextlib.asynccontextmanager
