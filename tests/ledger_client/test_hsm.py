@@ -1,6 +1,7 @@
 """Keys in a hardware module: the URI that names them, and signing on SoftHSM."""
 
 import contextlib
+import datetime as dt
 import os
 import shutil
 import subprocess
@@ -8,14 +9,17 @@ import threading
 from pathlib import Path
 
 import pytest
+from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wonderland.enrolment.machine import Place, make_request
+from wonderland_fabric_gateway.ca.requests import CertificateRequest
 from wonderland_fabric_gateway.errors import SignatureError
 from wonderland_fabric_gateway.hsm import HsmKey
-from wonderland_fabric_gateway.signing import key_file_signer, verify
+from wonderland_fabric_gateway.signing import key_file_signer, private_key, verify
 
 MODULES = [Path("/usr/lib/softhsm/libsofthsm2.so"), Path("/usr/lib64/libsofthsm2.so")]
 PIN = "271828"
@@ -135,3 +139,25 @@ def test_a_module_that_is_not_there_is_said(token, tmp_path):
     (tmp_path / "key").write_text(_uri("/nowhere/lib.so", token[0] / "pin"))
     with pytest.raises(SignatureError, match=r"cannot be used by /nowhere/lib.so"):
         key_file_signer(tmp_path / "key")
+
+
+def test_a_request_for_a_certificate_is_signed_in_the_module_and_the_key_never_leaves_it(token, tmp_path):
+    path, key, _ = token
+    made = CertificateRequest.of_key_file("pad-7", path / "pad-7.key")
+    found = CertificateRequest.parse(made.pem)
+    assert (found.name, found.public_key) == ("pad-7", key.public_key())
+    place = Place(tmp_path / "identity")
+    now = dt.datetime.now(dt.UTC)
+    asked = make_request(place, "pad-7", "pad", "pad-7", key=path / "pad-7.key", now=now, random_bytes=os.urandom)
+    assert CertificateRequest.parse(asked.request).public_key == key.public_key()
+    assert place.key("pad-7").read_bytes().startswith(b"pkcs11:")
+    inside = private_key(path / "pad-7.key")
+    for reading in (
+        inside.private_numbers,
+        lambda: inside.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()),
+        lambda: inside.exchange(ec.ECDH(), key.public_key()),
+    ):
+        with pytest.raises(SignatureError):
+            reading()
+    with pytest.raises(SignatureError, match="SHA-256 only"):
+        inside.sign(b"x", ec.ECDSA(hashes.SHA384()))

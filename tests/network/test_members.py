@@ -277,6 +277,55 @@ async def together(parts, *arguments):
     return await asyncio.gather(*[ended(await part.start(*arguments)) for part in parts])
 
 
+@pytest.mark.fabric
+@pytest.mark.timeout(240)
+async def test_a_pad_is_enrolled_and_renewed_and_its_keys_never_leave_it(parts, tmp_path):
+    """By the CA of its organisation; each file that travels is one that anybody may read."""
+    _, pads, _ = parts
+
+    def enrol(*arguments, code=0):
+        command = [sys.executable, "-m", "wonderland.cli", "enrol", *map(str, arguments)]
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert answer.returncode == code, answer.stdout + answer.stderr
+        return answer.stdout + answer.stderr
+
+    place = tmp_path / "machine"
+    asked = enrol("request", "roofs", "--role", "pad_operator", "--dir", place)
+    shown = re.search(r"its code   (\S+)", asked)[1]
+    file = pads.root / "roofs.request"
+    file.write_bytes((place / "roofs.request").read_bytes())
+    assert shown in pads.run("admit", file, "--yes")
+    admission = pads.root / "roofs.admission"
+    enrol("accept", admission, "--dir", place, "--yes")
+    assert b"PRIVATE" not in file.read_bytes() + admission.read_bytes()
+    keys = {path.name: path.read_bytes() for path in place.glob("*.key")}
+    assert set(keys) == {"roofs.key", "client-tls.key"}
+    everything = b"".join(path.read_bytes() for path in pads.directory.rglob("*") if path.is_file())
+    assert not [name for name, key in keys.items() if key in everything]
+
+    machine = Part(tmp_path, "machine", 0)
+    await machine.submit("roofs", "RegisterPad", pad("pad-11"))
+    before = {name: (place / name).read_bytes() for name in ("roofs.pem", "client-tls.pem")}
+    assert "nothing ends within 30 days" in enrol("renew", "--dir", place)
+    renewed = enrol("renew", "--dir", place, "--days", 3_650)
+    assert renewed.count("renewed") == 2
+    assert all((place / name).read_bytes() != pem for name, pem in before.items())
+    assert keys == {path.name: path.read_bytes() for path in place.glob("*.key")}
+    await machine.submit("roofs", "RegisterPad", pad("pad-12"))
+
+    enrol("request", "roofs", "--role", "pad", "--dir", tmp_path / "other")
+    assert "another role or id" in pads.run("admit", tmp_path / "other" / "roofs.request", "--yes", code=1)
+    enrol("request", "peer0", "--role", "pad", "--dir", tmp_path / "node")
+    assert "belongs to the network itself" in pads.run("admit", tmp_path / "node" / "peer0.request", "--yes", code=1)
+    pads.run("revoke", "roofs")
+    refused = enrol("renew", "--dir", place, "--days", 3_650, code=1)
+    assert "the certificate is not (or no longer) one that this CA accepts" in refused
+    enrol("request", "roofs", "--role", "pad_operator", "--dir", tmp_path / "again")
+    again = pads.run("admit", tmp_path / "again" / "roofs.request", "--yes", code=1)
+    assert "roofs" in again
+    assert not (tmp_path / "again" / "roofs.admission").exists()
+
+
 @pytest.fixture(scope="module")
 def newcomer(parts):
     """Another operator of pads, with a machine of its own, that has read a roster and given its card."""

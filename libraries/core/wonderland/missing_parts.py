@@ -15,6 +15,7 @@ COMMANDS: Final = {
     "chaincode": "wonderland-chaincode",
     "demo": "wonderland-simulator",
     "doctor": "wonderland-core",
+    "enrol": "wonderland-core",
     "evaluate": "wonderland-research",
     "evidence": "wonderland-evidence",
     "ledger": "wonderland-fabric-gateway",

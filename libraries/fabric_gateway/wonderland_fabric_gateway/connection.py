@@ -4,7 +4,8 @@
      "gateway": {"address": "host:port", "tls_ca": "tls-ca.pem", "server_name": "localhost"},
      "gateways": [{…}, …],
      "client_tls": {"certificate": "client-tls.pem", "key": "client-tls.key"},
-     "authorities": {"PadMSP": {"address": "host:port", "ca_name": "ca-pad", "tls_ca": "pad-ca.pem"}},
+     "authorities": {"PadMSP": {"address": "host:port", "ca_name": "ca-pad", "tls_ca": "pad-ca.pem",
+                                "tls_ca_name": "tlsca-pad"}},
      "identities": {"pad": {"msp_id": "PadMSP", "certificate": "pad.pem", "key": "pad.key"}},
      "ledger": {"kind": "embedded", "notice": "…"}}
 
@@ -119,11 +120,15 @@ class LedgerKind:
 
 @dataclass(frozen=True, slots=True)
 class AuthorityAddress:
-    """An organisation's Fabric CA: ``host:port``, the CA's name on that server, the root of its TLS certificate."""
+    """An organisation's Fabric CA: ``host:port``, the CA's name on that server, the root of its TLS certificate.
+
+    `tls_ca_name` is the CA of TLS certificates on the same server; "" where that is not known.
+    """
 
     address: str
     ca_name: str
     tls_ca: Path
+    tls_ca_name: str = ""
 
 
 @dataclass(frozen=True)
@@ -182,6 +187,7 @@ class Connection:
         if self.authorities:
             document["authorities"] = {
                 msp_id: {"address": each.address, "ca_name": each.ca_name, "tls_ca": name(each.tls_ca)}
+                | ({"tls_ca_name": each.tls_ca_name} if each.tls_ca_name else {})
                 for msp_id, each in sorted(self.authorities.items())
             }
         if self.ledger is not None:
@@ -309,6 +315,7 @@ class _Reader:
             address=self._address(self._text(fields, "address", f"{prefix}."), f"{prefix}.address"),
             ca_name=self._text(fields, "ca_name", f"{prefix}."),
             tls_ca=self._file(fields, "tls_ca", f"{prefix}."),
+            tls_ca_name=self._text(fields, "tls_ca_name", f"{prefix}.") if "tls_ca_name" in fields else "",
         )
 
     def _identity(self, name: str, value: object) -> IdentityFiles:

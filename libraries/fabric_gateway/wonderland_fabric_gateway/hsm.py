@@ -13,11 +13,21 @@ import hashlib
 import threading
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote_to_bytes
+
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import load_der_public_key
 
 from wonderland_fabric_gateway.errors import SignatureError
 from wonderland_fabric_gateway.files import read_bounded
+from wonderland_fabric_gateway.signing import der_from_raw, require_p256
+
+if TYPE_CHECKING:
+    from cryptography.hazmat.primitives.serialization import Encoding, KeySerializationEncryption, PrivateFormat
+    from cryptography.utils import Buffer
 
 SCHEME: Final = "pkcs11:"
 MAX_URI: Final = 4_096
@@ -60,21 +70,83 @@ class HsmKey:
         )
 
 
-class HsmSigner:
-    """Signs with a key of a module. The session is opened at once, and again when the token was away.
+class HsmPrivateKey(ec.EllipticCurvePrivateKey):
+    """A P-256 key of a module, which signs and cannot be read; `cryptography` takes it as it takes others.
 
-    Calls from several threads wait for each other. Raises `SignatureError`.
+    The session is opened at once, and again when the token was away. Calls from several threads wait for each other.
+    Raises `SignatureError`.
     """
 
     def __init__(self, key: HsmKey) -> None:
         self._key = key
         self._lock = threading.Lock()
         self._private: Any = None
+        self._session: Any = None
         with self._lock:
             self._open()
 
-    def raw(self, message: bytes) -> bytes:
-        """R ‖ s over the message's SHA-256, as the module gives it."""
+    @property
+    def curve(self) -> ec.EllipticCurve:
+        """P-256: no other is used here, and a signature of another is too long."""
+        return ec.SECP256R1()
+
+    @property
+    def key_size(self) -> int:
+        """Bits."""
+        return self.curve.key_size
+
+    def sign(self, data: Buffer, signature_algorithm: ec.EllipticCurveSignatureAlgorithm) -> bytes:
+        """DER signature over the SHA-256 of the data."""
+        if not isinstance(signature_algorithm.algorithm, hashes.SHA256):
+            raise SignatureError(f"{self._where}: keys in a module sign SHA-256 only here")
+        return der_from_raw(self._raw(bytes(data)))
+
+    def public_key(self) -> ec.EllipticCurvePublicKey:
+        """The public key, which the token must have beside the private one."""
+        pkcs11 = _library()
+        from pkcs11.util.ec import encode_ec_public_key  # noqa: PLC0415 - an extra of its own
+
+        with self._lock:
+            try:
+                found = self._session.get_key(
+                    object_class=pkcs11.ObjectClass.PUBLIC_KEY,
+                    key_type=pkcs11.KeyType.EC,
+                    label=self._key.label,
+                    id=self._key.key_id,
+                )
+                return require_p256(load_der_public_key(encode_ec_public_key(found)))
+            except (pkcs11.exceptions.PKCS11Error, ValueError, UnsupportedAlgorithm) as cause:
+                raise SignatureError(
+                    f"{self._where}: there is no single public key {self._key.label or self._key.key_id!r} on P-256 "
+                    f"({_why(cause)})"
+                ) from cause
+
+    def exchange(self, algorithm: ec.ECDH, peer_public_key: ec.EllipticCurvePublicKey) -> bytes:
+        """Not with keys of identities."""
+        del algorithm, peer_public_key
+        raise SignatureError(f"{self._where}: the key of an identity signs, and agrees on nothing")
+
+    def private_numbers(self) -> ec.EllipticCurvePrivateNumbers:
+        """They stay in the module."""
+        raise SignatureError(f"{self._where}: the key cannot be read")
+
+    def private_bytes(
+        self,
+        encoding: Encoding,
+        format: PrivateFormat,  # noqa: A002 - cryptography's name
+        encryption_algorithm: KeySerializationEncryption,
+    ) -> bytes:
+        """They stay in the module."""
+        del encoding, format, encryption_algorithm
+        raise SignatureError(f"{self._where}: the key cannot be read")
+
+    def __copy__(self) -> HsmPrivateKey:
+        return self
+
+    def __deepcopy__(self, memo: dict[Any, Any]) -> HsmPrivateKey:
+        return self
+
+    def _raw(self, message: bytes) -> bytes:
         digest = hashlib.sha256(message).digest()
         pkcs11 = _library()
         with self._lock:
@@ -104,6 +176,7 @@ class HsmSigner:
                 session = token.open(user_pin=pin)
             except pkcs11.exceptions.UserAlreadyLoggedIn:
                 session = token.open()  # a process logs in to a token once, for all its sessions
+            self._session = session
             self._private = session.get_key(
                 object_class=pkcs11.ObjectClass.PRIVATE_KEY,
                 key_type=pkcs11.KeyType.EC,

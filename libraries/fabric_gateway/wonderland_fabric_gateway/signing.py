@@ -51,9 +51,14 @@ def key_file_signer(path: Path) -> Signer:
 
     Raises `SignatureError`.
     """
+    return key_signer(private_key(path))
+
+
+def private_key(path: Path) -> ec.EllipticCurvePrivateKey:
+    """The key of such a file; one in a hardware module signs there, and cannot be read. Raises `SignatureError`."""
     data = read_bounded(path, SignatureError, "private key")
     if is_in_hardware(data):
-        return _hardware_signer(path, data)
+        return _hardware_key(path, data)
     try:
         key = load_pem_private_key(data, password=None)
     except (ValueError, TypeError, UnsupportedAlgorithm) as cause:
@@ -61,7 +66,7 @@ def key_file_signer(path: Path) -> Signer:
         raise SignatureError(f"{path}: no unencrypted PEM private key") from cause
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise SignatureError(f"{path}: not an elliptic-curve key; Fabric identities are P-256")
-    return key_signer(key)
+    return key
 
 
 def is_in_hardware(key_file: bytes) -> bool:
@@ -69,21 +74,15 @@ def is_in_hardware(key_file: bytes) -> bool:
     return key_file.startswith(_IN_HARDWARE)
 
 
-def _hardware_signer(path: Path, data: bytes) -> Signer:
-    from wonderland_fabric_gateway.hsm import HsmKey, HsmSigner  # noqa: PLC0415 - most never need it
+def _hardware_key(path: Path, data: bytes) -> ec.EllipticCurvePrivateKey:
+    from wonderland_fabric_gateway.hsm import HsmKey, HsmPrivateKey  # noqa: PLC0415 - most never need it
 
     try:
-        module = HsmSigner(HsmKey.parse(data.decode().strip()))
+        return HsmPrivateKey(HsmKey.parse(data.decode().strip()))
     except UnicodeDecodeError as cause:
         raise SignatureError(f"{path}: its PKCS#11 URI is no text") from cause
     except SignatureError as cause:
         raise SignatureError(f"{path}: {cause}") from cause
-
-    def sign(message: bytes) -> bytes:
-        r, s = _der_numbers(der_from_raw(module.raw(message)))
-        return encode_dss_signature(r, min(s, P256_ORDER - s))
-
-    return sign
 
 
 def verify(public_key: ec.EllipticCurvePublicKey, message: bytes, signature: bytes) -> None:

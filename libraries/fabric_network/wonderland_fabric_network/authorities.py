@@ -31,6 +31,7 @@ from wonderland_fabric_network.processes import Launch, ProcessTable
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from wonderland_fabric_gateway.ca.requests import CertificateRequest
     from wonderland_fabric_gateway.identity import SigningIdentity
     from wonderland_fabric_network.description import Certificates
     from wonderland_fabric_network.hosts import Hosts
@@ -52,6 +53,14 @@ class Certified:
     def with_role(cls, name: str, role: str, pol_id: str) -> Self:
         """A person or machine with a role on the channel."""
         return cls(name, "client", {ROLE: role, ID: pol_id})
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """Certificates (PEM) for keys that were made elsewhere."""
+
+    certificate: bytes
+    tls_certificate: bytes
 
 
 class Authority:
@@ -214,6 +223,18 @@ class Authority:
         )
         return secret
 
+    async def admit(self, who: Certified, request: CertificateRequest, tls_request: CertificateRequest) -> Admitted:
+        """Certificates of identity and TLS (PEM) for keys that were made elsewhere. Raises `CaError`.
+
+        A name that was admitted before gets newer ones, for whichever keys, with the attributes that it has.
+        """
+        secret = self._secret()  # used once, now, and never kept
+        await self._let_enrol(self.ca, await self.registrar(), who, secret)
+        certificate = await self.ca.enrol_request(request, secret)
+        registrar = await self._registrar(self.tls_ca, self.directory.tls_identity(REGISTRAR))
+        await self._let_enrol(self.tls_ca, registrar, Certified(who.name, who.node_ou, {}), secret)
+        return Admitted(certificate, await self.tls_ca.enrol_request(tls_request, secret, profile=settings.TLS_PROFILE))
+
     async def ensure_tls(self, name: str, node_ou: str, paths: IdentityPaths) -> None:
         """Key and TLS certificate for a server or client of this organisation. Raises `CaError`."""
         if certificates.fits(paths):
@@ -316,6 +337,12 @@ class Authority:
         hosts: Sequence[str] = (),
     ) -> None:
         secret = self._secret()  # used once, now, and never kept
+        await self._let_enrol(ca, registrar, who, secret)
+        key = new_private_key(self._random_bytes)
+        certificates.store(paths, await ca.enrol(who.name, secret, key, profile=profile, hosts=hosts), key)
+
+    async def _let_enrol(self, ca: FabricCaClient, registrar: SigningIdentity, who: Certified, secret: str) -> None:
+        """Register a name, or give one that is known another secret."""
         try:
             await ca.register(registrar, who.name, node_ou=who.node_ou, secret=secret, attributes=who.attributes)
         except FabricCaError as error:
@@ -324,8 +351,6 @@ class Authority:
             await ca.set_secret(registrar, who.name, secret, attributes=who.attributes)
         except FabricCaUnreachableError as error:
             raise ComponentError(self.component, str(error), remedy="`wonderland network up` starts it") from error
-        key = new_private_key(self._random_bytes)
-        certificates.store(paths, await ca.enrol(who.name, secret, key, profile=profile, hosts=hosts), key)
 
     def _registrar_secret(self) -> str | None:
         path = self.directory.ca_home / _SETTINGS

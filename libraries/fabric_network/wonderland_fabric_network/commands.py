@@ -34,7 +34,7 @@ from wonderland_fabric_network import (
 from wonderland_fabric_network.capacity_command import capacity
 from wonderland_fabric_network.console import dir_option, json_option, open_at, progress
 from wonderland_fabric_network.description import NetworkDescription
-from wonderland_fabric_network.invite_command import invite
+from wonderland_fabric_network.invite_command import admit, invite
 from wonderland_fabric_network.layout import NetworkDirectory
 from wonderland_fabric_network.status import NetworkStatus, network_status
 
@@ -72,6 +72,7 @@ for each in (
     *change_commands.COMMANDS,
     capacity,
     invite,
+    admit,
 ):
     network.add_command(each)
 

@@ -17,7 +17,7 @@ from wonderland_fabric_gateway.embedded.organisations import ROLES
 from wonderland_fabric_network.authorities import Certified
 from wonderland_fabric_network.certificates import signing_identity
 from wonderland_fabric_network.layout import CLIENT
-from wonderland_fabric_network.settings import ca_name
+from wonderland_fabric_network.settings import ca_name, tls_ca_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -125,7 +125,7 @@ def _all(network: Network) -> tuple[str, ...]:
 
 def _authority(network: Network, msp_id: str) -> AuthorityAddress:
     root = network.directory.organisation(msp_id).root
-    return AuthorityAddress(network.authority(msp_id).address, ca_name(msp_id), root)
+    return AuthorityAddress(network.authority(msp_id).address, ca_name(msp_id), root, tls_ca_name(msp_id))
 
 
 def _gateway(network: Network, member: Member) -> GatewayAddress:

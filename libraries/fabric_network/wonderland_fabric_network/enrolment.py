@@ -6,9 +6,13 @@ from contextlib import AsyncExitStack
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Final
 
+from cryptography.hazmat.primitives.serialization import Encoding
+
 from wonderland_fabric_gateway.ca.errors import AlreadyEnrolledError, CaRequestError
 from wonderland_fabric_gateway.ca.invitations import Invited
+from wonderland_fabric_gateway.ca.requests import CertificateRequest
 from wonderland_fabric_gateway.embedded.organisations import ROLES
+from wonderland_fabric_gateway.identity import Identity
 from wonderland_fabric_network import certificates, connections
 from wonderland_fabric_network.authorities import Certified
 from wonderland_fabric_network.concurrency import together
@@ -17,6 +21,8 @@ from wonderland_fabric_network.layout import CLIENT, MSP_ADMIN, REGISTRAR
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from wonderland.enrolment.records import EnrolmentRequest
+    from wonderland_fabric_network.authorities import Admitted
     from wonderland_fabric_network.network import Network
 
 RESERVED: Final = frozenset({MSP_ADMIN, CLIENT, REGISTRAR, "contract"})
@@ -94,10 +100,32 @@ async def invite(network: Network, request: Request) -> Invited:
     return Invited(request.name, home, request.role, secret)
 
 
-def _require_free(network: Network, request: Request, home: str) -> None:
+async def admit(network: Network, asked: EnrolmentRequest, msp_id: str | None) -> Admitted:
+    """Certificates for a machine's own keys; newer ones for a name that has that role. Raises `CaError`."""
+    home = home_of(network, asked.role, msp_id)
+    _require_not_ours(network, asked.name)
+    who = Certified.with_role(asked.name, asked.role, asked.pol_id)
+    async with network.authority(home) as authority:
+        for issued in await authority.ca.certificates(await authority.registrar(), asked.name):
+            has = Identity(home, issued.certificate.public_bytes(Encoding.PEM)).attributes
+            if {name: has.get(name) for name in who.attributes} != who.attributes:
+                raise AlreadyEnrolledError(
+                    f"{asked.name} of {home} has certificates for another role or id. Next: have the machine ask under "
+                    "another name"
+                )
+        return await authority.admit(
+            who, CertificateRequest.parse(asked.request), CertificateRequest.parse(asked.tls_request)
+        )
+
+
+def _require_not_ours(network: Network, name: str) -> None:
     nodes = {member.name for member in (*network.peers, *network.orderers)}
-    if request.name in RESERVED | nodes:
-        raise CaRequestError(f"the name {request.name!r} belongs to the network itself; choose another one")
+    if name in RESERVED | nodes:
+        raise CaRequestError(f"the name {name!r} belongs to the network itself; choose another one")
+
+
+def _require_free(network: Network, request: Request, home: str) -> None:
+    _require_not_ours(network, request.name)
     paths = network.directory.organisation(home).identity(request.name)
     if certificates.fits(paths) and certificates.load(paths.certificate).not_valid_after_utc > network.now():
         raise AlreadyEnrolledError(

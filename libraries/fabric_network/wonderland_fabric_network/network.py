@@ -352,7 +352,9 @@ class Network:
         }
 
     def home_of(self, name: str) -> str:
-        """The organisation that has an identity of that name. Raises `DirectoryStateError`."""
+        """The organisation of an identity of that name; where one alone is here, that. Raises `DirectoryStateError`."""
+        if len(self.organisations) == 1:  # a machine that made its own key has no file here
+            return self.organisations[0].msp_id
         homes = [each for each in self.msp_ids if self.directory.organisation(each).identity(name).certificate.exists()]
         if len(homes) != 1:
             found = f"{' and '.join(homes)} have one; say which with --org" if homes else "none has one; see --org"

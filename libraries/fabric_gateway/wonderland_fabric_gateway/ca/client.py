@@ -141,9 +141,9 @@ class FabricCaClient:
         result = await self._call("POST", "/api/v1/enroll", _enrolment(name, key, profile, hosts), basic=(name, secret))
         return self._certificate(result, name, key.public_key())
 
-    async def enrol_request(self, request: CertificateRequest, secret: str) -> bytes:
+    async def enrol_request(self, request: CertificateRequest, secret: str, *, profile: str = "") -> bytes:
         """A certificate (PEM) for a registered name, by a request that its owner made elsewhere. Raises `CaError`."""
-        body = {"certificate_request": request.pem, "profile": "", "hosts": []}
+        body = {"certificate_request": request.pem, "profile": profile, "hosts": []}
         result = await self._call("POST", "/api/v1/enroll", body, basic=(request.name, secret))
         return self._certificate(result, request.name, request.public_key)
 
@@ -159,6 +159,14 @@ class FabricCaClient:
         name = current.identity.common_name
         result = await self._call("POST", "/api/v1/reenroll", _enrolment(name, key, profile, hosts), who=current)
         return self._certificate(result, name, key.public_key())
+
+    async def reenrol_request(
+        self, current: SigningIdentity, request: CertificateRequest, *, profile: str = ""
+    ) -> bytes:
+        """The same by a request for a key, which may be that of now. Raises `CaError`."""
+        body = {"certificate_request": request.pem, "profile": profile, "hosts": []}
+        result = await self._call("POST", "/api/v1/reenroll", body, who=current)
+        return self._certificate(result, request.name, request.public_key)
 
     async def register(
         self,

@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
 from wonderland_fabric_gateway.ca.errors import CaRequestError
 from wonderland_fabric_gateway.certificates import request_of
 from wonderland_fabric_gateway.errors import SignatureError
-from wonderland_fabric_gateway.signing import require_p256
+from wonderland_fabric_gateway.signing import private_key, require_p256
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from cryptography.hazmat.primitives.asymmetric import ec
 
 MAX_BYTES: Final = 8_192
@@ -26,6 +31,14 @@ class CertificateRequest:
     pem: str
     name: str
     public_key: ec.EllipticCurvePublicKey
+
+    @classmethod
+    def of_key_file(cls, name: str, path: Path) -> CertificateRequest:
+        """A request with the key of a file, or of the hardware module that it names. Raises `SignatureError`."""
+        key = private_key(path)
+        # Fabric CA insists: the CN is the enrolment id.
+        builder = x509.CertificateSigningRequestBuilder(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]))
+        return cls(builder.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM).decode(), name, key.public_key())
 
     @classmethod
     def parse(cls, pem: str) -> CertificateRequest:

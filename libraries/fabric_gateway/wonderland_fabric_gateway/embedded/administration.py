@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from wonderland_fabric_gateway.attributes import ID, ROLE
 from wonderland_fabric_gateway.ca import (
+    AlreadyEnrolledError,
     CaNotFoundError,
     CaRequestError,
     IssuedCertificate,
@@ -35,7 +36,7 @@ from wonderland_fabric_gateway.gateway import Gateway
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from wonderland_fabric_gateway.ca import Enrolment
+    from wonderland_fabric_gateway.ca import CertificateRequest, Enrolment
 
 _STATUS_DEADLINE_S: Final = 10.0
 INVITATION_HOURS: Final = 72
@@ -72,7 +73,7 @@ class DirectoryAdministration:
 
     def enrol(self, name: str, *, role: str, pol_id: str, msp_id: str | None = None, days: int = 365) -> Issued:
         """Enrol a name with a role; the organisation is the role's, or another operator of pads that is named."""
-        home = self._home_of_role(name, role, msp_id)
+        home = self.home_of(name, role, msp_id)
         current = self._connection().identities.get(name)
         if current is not None and current.msp_id != home:
             raise CaRequestError(f"{name} is an identity of {current.msp_id} already; choose another name")
@@ -92,11 +93,26 @@ class DirectoryAdministration:
         hours: int = INVITATION_HOURS,
     ) -> Invited:
         """Let a name enrol by itself, once, with a key that it makes: the one-time secret is in what is returned."""
-        home = self._home_of_role(name, role, msp_id)
+        home = self.home_of(name, role, msp_id)
         secret = self._directory.invitations(home).invite(
             name, {ROLE: role, ID: pol_id}, validity=dt.timedelta(days=days), good_for=dt.timedelta(hours=hours)
         )
         return Invited(name, home, role, secret)
+
+    def admit(self, request: CertificateRequest, *, role: str, pol_id: str, msp_id: str, days: int = 365) -> bytes:
+        """A certificate (PEM) for a key that was made elsewhere; also a newer one for a name that has that role."""
+        ca = self._directory.ca(self.home_of(request.name, role, msp_id))
+        wanted, validity = {ROLE: role, ID: pol_id}, dt.timedelta(days=days)
+        known = ca.certificates(request.name, Kind.IDENTITY)
+        if known and known[-1].revoked_ms is None:
+            if known[-1].attributes != wanted:
+                raise AlreadyEnrolledError(
+                    f"{request.name} has a certificate for another role or id; choose another name"
+                )
+            return ca.renew(request.name, validity=validity, public_key=request.public_key).certificate_pem
+        return ca.enrol(
+            request.name, attributes=wanted, validity=validity, public_key=request.public_key
+        ).certificate_pem
 
     async def renew(self, name: str, *, msp_id: str | None = None, days: int = 365, revoke_old: bool = False) -> Issued:
         """A new key and certificate for a name, in place of those in the directory."""
@@ -220,7 +236,7 @@ class DirectoryAdministration:
             raise DirectoryError(f"there is no ledger in {self._directory.path}; `wonderland ledger start` makes one")
         return Connection.load(self._directory.connection_file)
 
-    def _home_of_role(self, name: str, role: str, msp_id: str | None) -> str:
+    def home_of(self, name: str, role: str, msp_id: str | None = None) -> str:
         """The organisation that gives a name a role. Raises `CaRequestError`."""
         if name in NODE_NAMES:
             raise CaRequestError(f"the name {name!r} belongs to the ledger itself")
