@@ -77,10 +77,12 @@ evidence-bytes: setup ## Nightly: every byte of a bundle changed, on each ledger
 fmt: $(VENV)/.ready ## Format
 	@$(BIN)/ruff check --fix --quiet . ; $(BIN)/ruff format --quiet .
 
-docs: $(VENV)/.ready ## Regenerate the references of records, transactions, telemetry and settings from their definitions
+docs: $(VENV)/.ready ## Regenerate the references of records, transactions, telemetry, settings, commands and problems from their definitions
 	@$(BIN)/python scripts/reference.py docs/reference/records.md
 	@$(BIN)/python scripts/ingest_reference.py docs/reference/ingest.md
 	@$(BIN)/python scripts/settings_reference.py docs/reference/settings.md
+	@$(BIN)/python scripts/commands_reference.py docs/reference/commands.md
+	@$(BIN)/python scripts/problems_reference.py docs/reference/problems.md
 
 # What only the site needs.
 $(VENV)/.site: requirements/site.txt $(VENV)/.ready

@@ -32,7 +32,13 @@ MAX_BYTES = 4096
 _drone = click.option("--drone", metavar="SERIAL", help="A drone and its operator, by serial number.")
 _account = click.option("--account", metavar="ID", help="Somebody who signs in, by person_id (GET /api/v1/people).")
 _reason = click.option("--reason", required=True, metavar="TEXT", help="For the audit log; names nobody.")
-_out = click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="FILE")
+_out = click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="A new file, for you alone.",
+)
 _journal_help = "Keep it outside of the database and of its backups: it says what to erase again after a restore."
 
 
@@ -155,7 +161,12 @@ def erase(
 
 @person.command("erase-again")
 @click.option(
-    "--journal", "path", required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE"
+    "--journal",
+    "path",
+    required=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="What `erase --journal` kept.",
 )
 @click.option("--yes", is_flag=True, help="Erase. Without it nothing is changed.")
 @database_option

@@ -80,9 +80,15 @@ def chaincode() -> None:
     type=click.FloatRange(1, 86_400),
     help="How far a transaction's time may be from this machine's.",
 )
-@click.option("--log", "log_style", type=click.Choice(["text", "json"]), default="text", show_default=True)
 @click.option(
-    "--log-level", type=click.Choice(["debug", "info", "warning", "error"]), default="info", show_default=True
+    "--log", "log_style", type=click.Choice(["text", "json"]), default="text", show_default=True, help="How it logs."
+)
+@click.option(
+    "--log-level",
+    type=click.Choice(["debug", "info", "warning", "error"]),
+    default="info",
+    show_default=True,
+    help="From which level on.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Say by one JSON line on standard output that it serves.")
 def serve(

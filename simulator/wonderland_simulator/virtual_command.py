@@ -52,7 +52,13 @@ def _place(_: click.Context, __: click.Parameter, value: str) -> Vector:
     help="The survey: a board stands at each anchor.",
 )
 @click.option("--drone", default="4,3,6", show_default=True, callback=_place, metavar="E,N,U", help="Where it is, m.")
-@click.option("--profile", type=click.Choice(get_args(NodeKind)), default="DWM3001CDK", show_default=True)
+@click.option(
+    "--profile",
+    type=click.Choice(get_args(NodeKind)),
+    default="DWM3001CDK",
+    show_default=True,
+    help="Which boards they are.",
+)
 @click.option(
     "--directory",
     default="boards",

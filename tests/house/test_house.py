@@ -18,6 +18,8 @@ ROOT = Path(__file__).resolve().parents[2]
         ("reference.py", "records.md"),
         ("ingest_reference.py", "ingest.md"),
         ("settings_reference.py", "settings.md"),
+        ("commands_reference.py", "commands.md"),
+        ("problems_reference.py", "problems.md"),
     ],
 )
 def test_references_are_fresh(tmp_path, script, page):
@@ -34,6 +36,12 @@ def test_each_command_explains_itself(command):
     )
     assert done.returncode == 0, done.stderr
     assert len(done.stdout) > 200
+
+
+def test_no_merge_was_left_half_done():
+    marks = ["-e", "^<{7} ", "-e", "^>{7} ", "-e", "^={7}$"]
+    found = subprocess.run(["git", "grep", "-lE", *marks], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert found.returncode == 1, found.stdout + found.stderr  # 1: nothing found
 
 
 def test_links_in_the_documentation_lead_somewhere():

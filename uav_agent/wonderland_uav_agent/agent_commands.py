@@ -48,7 +48,7 @@ from wonderland_uav_agent.willing import Willing
 @click.command()
 @of_the_drone
 @click.option("--pad", "pad_id", required=True, help="The landing pad.")
-@click.option("--action", type=click.Choice(ACTIONS), default="land", show_default=True)
+@click.option("--action", type=click.Choice(ACTIONS), default="land", show_default=True, help="What it asks for.")
 @click.option("--priority", type=click.Choice(("low_battery", "emergency")), help="Signed, and on record for good.")
 @click.option("--battery", "battery_percent", type=click.IntRange(0, 100), help="Per cent left; low_battery needs it.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON document with the result.")

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response
 from pydantic import Field
 
+from wonderland.messages import Language
 from wonderland_backend import errors
 from wonderland_backend.errors import Problem
 from wonderland_backend.languages import language_of
@@ -47,9 +48,13 @@ def list_problem_types(request: Request) -> Response:
 
     More may come at any time: treat one that you do not know by its status.
     """
-    language = language_of(request)
+    return resource(request, {"items": catalogue(language_of(request), request.app.openapi())})
+
+
+def catalogue(language: Language, openapi: Document) -> list[dict[str, Any]]:
+    """Each type of problem, by code, as `ProblemType` has it; `openapi` says which operations answer it."""
     by_code: dict[str, dict[str, Any]] = {}
-    used = _operations_by_code(request.app.openapi())
+    used = _operations_by_code(openapi)
     for kind in kinds():
         described = inspect.cleandoc(kind.__doc__ or "")
         if kind.code in by_code:  # the same for a client, of two causes
@@ -64,7 +69,7 @@ def list_problem_types(request: Request) -> Response:
             "anywhere": kind in errors.ANYWHERE,
             "operations": sorted(used.get(kind.code, ())),
         }
-    return resource(request, {"items": [by_code[code] for code in sorted(by_code)]})
+    return [by_code[code] for code in sorted(by_code)]
 
 
 def kinds() -> Iterator[type[Problem]]:

@@ -114,7 +114,9 @@ class _Coordinates(click.ParamType[Any]):
     type=click.IntRange(0),
     help="Take sessions from this block on, that were before; the places have to be in their order.",
 )
-@click.option("--valid-days", type=click.IntRange(1, 366), default=365, show_default=True)
+@click.option(
+    "--valid-days", type=click.IntRange(1, 366), default=365, show_default=True, help="How long the calibration holds."
+)
 @click.option("--node", default="", metavar="TEXT", help="The drone's node and antenna, for the record.")
 @click.option("--identity", default="pad_operator", show_default=True, help="Who signs (connection.json).")
 @click.option("--yes", is_flag=True, help="Ask nothing: the drone goes from place to place by itself; register.")

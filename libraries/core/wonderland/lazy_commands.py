@@ -72,7 +72,11 @@ class LazyCommand(click.Command):
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
         """The context of the command that is meant; it is what is invoked."""
+        return self.meant().make_context(info_name, args, parent, **extra)
+
+    def meant(self) -> click.Command:
+        """The command itself; its module is imported now."""
         with importing():
             found = resolve_name(self._where)
         assert isinstance(found, click.Command)
-        return found.make_context(info_name, args, parent, **extra)
+        return found

@@ -111,7 +111,14 @@ def _group(name: str, what: str) -> click.Group:
 
     @group.command()
     @of_a_ledger
-    @click.option("--format", "as_format", type=click.Choice(("csv", "json")), default="csv", show_default=True)
+    @click.option(
+        "--format",
+        "as_format",
+        type=click.Choice(("csv", "json")),
+        default="csv",
+        show_default=True,
+        help="As a list that `import` reads.",
+    )
     def export(*, ledger: Ledger, as_format: str) -> None:
         """What holds now, as `import` reads it: without what is retired or revoked, and without numbers."""
         found = ledger.run(_read(lambda book: _records(name, book)))

@@ -48,7 +48,13 @@ INTERVAL_MS: Final = 100
 @with_rtscts
 @click.option("--key-file", type=click.Path(dir_okay=False, path_type=Path), help="UCI: the session's key.")
 @click.option("--interval-ms", type=click.IntRange(20, 60_000), default=INTERVAL_MS, show_default=True, help="UCI.")
-@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path), metavar="CSV")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="CSV",
+    help="Where the ranges are written.",
+)
 @click.option("--seconds", type=click.FloatRange(0.1), help="How long; otherwise Ctrl-C ends it.")
 def record(
     *,
