@@ -77,12 +77,9 @@ evidence-bytes: setup ## Nightly: every byte of a bundle changed, on each ledger
 fmt: $(VENV)/.ready ## Format
 	@$(BIN)/ruff check --fix --quiet . ; $(BIN)/ruff format --quiet .
 
-docs: $(VENV)/.ready ## Regenerate the references of records, transactions, telemetry, settings, commands and problems from their definitions
-	@$(BIN)/python scripts/reference.py docs/reference/records.md
-	@$(BIN)/python scripts/ingest_reference.py docs/reference/ingest.md
-	@$(BIN)/python scripts/settings_reference.py docs/reference/settings.md
-	@$(BIN)/python scripts/commands_reference.py docs/reference/commands.md
-	@$(BIN)/python scripts/problems_reference.py docs/reference/problems.md
+REFERENCES := records ingest settings commands problems metrics events rest
+docs: $(VENV)/.ready ## Regenerate the pages of docs/reference/ that are made from definitions
+	@for each in $(REFERENCES); do $(BIN)/python scripts/$${each}_reference.py docs/reference/$$each.md || exit 1; done
 
 # What only the site needs.
 $(VENV)/.site: requirements/site.txt $(VENV)/.ready

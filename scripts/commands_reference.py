@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import inspect
 import re
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import click
+from pages import prose, table, write
 
 from wonderland.cli import main
 from wonderland.lazy_commands import LazyCommand
@@ -95,11 +94,10 @@ def _options(command: click.Command, ctx: click.Context, words: str) -> Iterator
         notes += (
             [", ".join(f"`{each}`" for each in option.type.choices)] if isinstance(option.type, click.Choice) else []
         )
-        rows.append((_name(option, record[0]), option.help.split("\f")[0].strip(), "; ".join(notes)))
+        says = option.help.split("\f")[0].strip()
+        rows.append((_name(option, record[0]), _prose(says), "; ".join(notes)))
     if rows:
-        yield "| Option | | |"
-        yield "|---|---|---|"
-        yield from (f"| {_cell(name)} | {_cell(_prose(says))} | {_cell(notes)} |" for name, says, notes in rows)
+        yield from table(("Option", "", ""), rows)
         yield ""
 
 
@@ -111,17 +109,11 @@ def _name(option: click.Option, shown: str) -> str:
 
 
 def _prose(text: str) -> str:
-    """Placeholders such as <name> are no HTML, a star is a star, and two hyphens are no dash."""
-    text = re.sub(r"(?<![`\w-])--[a-z][a-z0-9-]*", lambda found: f"`{found[0]}`", text)
-    parts = text.split("`")
-    for index in range(0, len(parts), 2):
-        parts[index] = parts[index].replace("<", "&lt;").replace("*", "\\*").replace("_", "\\_")
-    return "`".join(parts)
-
-
-def _cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|")
+    """Options are code, also where the text does not mark them."""
+    parts = text.replace("``", "`").split("`")
+    parts[::2] = [re.sub(r"(?<![\w-])--[a-z][a-z0-9-]*", r"`\g<0>`", part) for part in parts[::2]]
+    return prose("`".join(parts))
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(page(), encoding="utf-8")
+    write(page)

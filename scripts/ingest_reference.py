@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any, get_args
 
 import msgspec
+from pages import table, write
 
 from wonderland import telemetry
 from wonderland.telemetry.frames import FromAgent, FromServer
@@ -36,11 +35,13 @@ def page() -> str:
     lines += ["", "## From the server"]
     for message in get_args(FromServer):
         lines += _section(message, f"`{message.__struct_config__.tag}`")
-    lines += ["", "## Records", "", "| Kind | Body | |", "|---|---|---|"]
+    lines += ["", "## Records", ""]
+    kinds = []
     for kind, body in telemetry.BODIES.items():
         lost = "evidence: never dropped" if body in EVIDENCE else "telemetry"
         lost = "the spool's own" if body is telemetry.Dropped else lost
-        lines.append(f"| `{kind}` | [{body.__name__}](#{body.__name__.lower()}) | {lost} |")
+        kinds.append((f"`{kind}`", f"[{body.__name__}](#{body.__name__.lower()})", lost))
+    lines += table(("Kind", "Body", ""), kinds)
     lines += _section(telemetry.Record, "Record")
     for body in telemetry.BODIES.values():
         lines += _section(body, body.__name__)
@@ -53,13 +54,20 @@ def _section(struct: Any, title: str) -> list[str]:
     (schema,), parts = msgspec.json.schema_components([struct], ref_template="{name}")
     properties = parts[schema["$ref"]]["properties"]
     required = parts[schema["$ref"]].get("required", [])
-    rows = ["| Field | Type | | |", "|---|---|---|---|"]
+    rows = []
     for name, field in properties.items():
         said = " ".join(_said(field).split())
         if struct is telemetry.Track and name in telemetry.FOR_USPACE:
             said = f"{said}. For U-space, never stored".removeprefix(". ")
-        rows.append(f"| `{name}` | {_type(field)} | {'' if name in required else 'optional'} | {said} |")
-    return ["", f"### {title}", "", " ".join((struct.__doc__ or "").split()), "", *rows]
+        rows.append((f"`{name}`", _type(field), "" if name in required else "optional", said))
+    return [
+        "",
+        f"### {title}",
+        "",
+        " ".join((struct.__doc__ or "").split()),
+        "",
+        *table(("Field", "Type", "", ""), rows),
+    ]
 
 
 def _only(field: dict[str, Any]) -> dict[str, Any]:
@@ -82,7 +90,7 @@ def _type(field: dict[str, Any]) -> str:
     if "allOf" in field:
         return _type(field["allOf"][0])
     if "enum" in field:
-        return " \\| ".join(f"`{option}`" for option in field["enum"] if option is not None)
+        return " | ".join(f"`{option}`" for option in field["enum"] if option is not None)
     kind = field.get("type", "object")
     if kind == "integer":
         return f"integer {field['minimum']} … {field['maximum']}" if "minimum" in field else "integer"
@@ -97,5 +105,4 @@ def _type(field: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).parent.mkdir(parents=True, exist_ok=True)
-    Path(sys.argv[1]).write_text(page(), encoding="utf-8")
+    write(page)

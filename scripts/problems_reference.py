@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from pages import prose, table, write
 
 from wonderland_backend.description import openapi
 from wonderland_backend.reference.problems import catalogue
@@ -27,21 +26,20 @@ def page() -> str:
         lines += [
             f"## {each['title']} ({each['status']}): `{each['type'].rpartition(':')[2]}`",
             "",
-            _prose(each["description"]),
+            prose(each["description"]),
             "",
-            "| | |",
-            "|---|---|",
-            f"| `type` | `{each['type']}` |",
-            f"| It may say | {_prose(each['detail'])} |",
-            f"| Answered by | {where or 'what is no operation of the interface'} |",
+            *table(
+                ("", ""),
+                [
+                    ("`type`", f"`{each['type']}`"),
+                    ("It may say", prose(each["detail"])),
+                    ("Answered by", where or "what is no operation of the interface"),
+                ],
+            ),
             "",
         ]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _prose(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("*", "\\*")
-
-
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(page(), encoding="utf-8")
+    write(page)

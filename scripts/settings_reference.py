@@ -9,13 +9,12 @@ from __future__ import annotations
 import ast
 import inspect
 import json
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import click
 import msgspec
+from pages import table, write
 
 from wonderland.toml_settings import Address, Table
 from wonderland_backend.bus_commands import RouterSettings
@@ -100,8 +99,9 @@ def _rows(
 
 
 def _table(found: Iterator[Row]) -> list[str]:
-    lines = [f"| `{key}` | {kind} | {default} | {text} |" for key, kind, default, text in found]
-    return ["| Key | Type | Default | |", "|---|---|---|---|", *lines]
+    return table(
+        ("Key", "Type", "Default", ""), [(f"`{key}`", kind, default, text) for key, kind, default, text in found]
+    )
 
 
 def _only(field: dict[str, Any]) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def _type(field: dict[str, Any], parts: dict[str, Any]) -> str:
     if "$ref" in field:
         field = parts[field["$ref"].rpartition("/")[2]]
     if "enum" in field or "const" in field:
-        return " \\| ".join(f"`{option}`" for option in field.get("enum", [field.get("const")]) if option is not None)
+        return " | ".join(f"`{option}`" for option in field.get("enum", [field.get("const")]) if option is not None)
     kind = field.get("type", "text")
     if kind in {"integer", "number"}:
         words = {"minimum": "from", "exclusiveMinimum": "over", "maximum": "to", "exclusiveMaximum": "under"}
@@ -134,7 +134,7 @@ def _type(field: dict[str, Any], parts: dict[str, Any]) -> str:
     if kind == "object":
         return "table"
     if kind == "boolean":
-        return "`true` \\| `false`"
+        return "`true` | `false`"
     return {"path": "path", "host:port": "host:port"}.get(field.get("format", ""), "text")
 
 
@@ -178,4 +178,4 @@ def _tables(kind: Any) -> Iterator[type[Table]]:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_text(page(), encoding="utf-8")
+    write(page)

@@ -40,44 +40,62 @@ class Metrics(Collector):
 
     def collect(self) -> Iterable[Metric]:
         """The metrics of now."""
-        mirror, hub, intake, uspace = self.mirror, self.hub, self.intake, self.uspace
-        yield _gauge("backend_on_duty", "1 where it mirrors and takes in, 0 where another does", int(self.on_duty()))
-        yield _gauge("mirror_blocks", "Blocks mirrored", mirror.mirrored)
-        yield _gauge("mirror_height_blocks", "Blocks that the ledger is known to have", mirror.height)
-        yield _gauge("mirror_lag_seconds", "Since when the mirror is behind", mirror.lag_ms(self.clock()) / 1000)
-        yield _gauge(
-            "mirror_halted", "1 when the mirror has halted until somebody looks", int(mirror.halted is not None)
-        )
-        yield _gauge("mirror_rows_differ", "Rows that were not what the ledger says", len(mirror.rows_differ))
-        yield _gauge(
-            "mirror_rows_checked_timestamp_seconds",
-            "When all rows were last compared with the ledger; 0 before the first time",
-            (mirror.rows_checked_ms or 0) / 1000,
-        )
-        yield _gauge(
-            "mirror_alone", "1 while no other organisation confirms validity", int(mirror.alone_since_ms is not None)
-        )
-        yield _gauge("mirror_connected", "1 while the ledger can be reached", int(mirror.connected))
-        yield _counter("mirror_transactions", "Transactions mirrored since the start", mirror.transactions)
-        yield _counter("mirror_unread_writes", "Writes that could not be read since the start", mirror.unread)
-        yield _gauge("ingest_agents", "Agents connected", len(self.agents))
-        yield _counter("ingest_records", "Agents' records taken in since the start", intake.records)
-        yield _counter("ingest_rejected", "Agents' records rejected since the start", intake.rejected)
-        yield _gauge("live_clients", "Live connections", len(hub))
-        yield _counter("live_frames", "Live frames queued for clients since the start", hub.frames)
-        yield _counter("live_bytes", "Characters of these; of those that go packed, bytes", hub.bytes)
-        yield _counter("live_closed_slow", "Live connections closed because they fell behind", hub.closed_slow)
-        yield _gauge("uspace_flights", "Flights that other U-space systems are told of", uspace.served)
-        yield _gauge("uspace_areas", "Identification service areas that stand in the DSS", len(uspace.areas))
-        yield _counter("uspace_problems", "Times that an area could not be announced", uspace.problems)
+        return [each.kind(each.name, each.text, value=each.value(self)) for each in FAMILIES]
 
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A metric of the backend; none has labels."""
+
+    kind: type[CounterMetricFamily | GaugeMetricFamily]
+    name: str
+    text: str
+    value: Callable[[Metrics], float]
+
+
+def _gauge(name: str, text: str, value: Callable[[Metrics], float]) -> Family:
+    return Family(GaugeMetricFamily, f"wonderland_{name}", text, value)
+
+
+def _counter(name: str, text: str, value: Callable[[Metrics], float]) -> Family:
+    return Family(CounterMetricFamily, f"wonderland_{name}_total", text, value)
+
+
+FAMILIES: Final = (
+    _gauge("backend_on_duty", "1 where it mirrors and takes in, 0 where another does", lambda of: of.on_duty()),
+    _gauge("mirror_blocks", "Blocks mirrored", lambda of: of.mirror.mirrored),
+    _gauge("mirror_height_blocks", "Blocks that the ledger is known to have", lambda of: of.mirror.height),
+    _gauge("mirror_lag_seconds", "Since when the mirror is behind", lambda of: of.mirror.lag_ms(of.clock()) / 1000),
+    _gauge(
+        "mirror_halted",
+        "1 when the mirror has halted until somebody looks",
+        lambda of: of.mirror.halted is not None,
+    ),
+    _gauge("mirror_rows_differ", "Rows that were not what the ledger says", lambda of: len(of.mirror.rows_differ)),
+    _gauge(
+        "mirror_rows_checked_timestamp_seconds",
+        "When all rows were last compared with the ledger; 0 before the first time",
+        lambda of: (of.mirror.rows_checked_ms or 0) / 1000,
+    ),
+    _gauge(
+        "mirror_alone",
+        "1 while no other organisation confirms validity",
+        lambda of: of.mirror.alone_since_ms is not None,
+    ),
+    _gauge("mirror_connected", "1 while the ledger can be reached", lambda of: of.mirror.connected),
+    _counter("mirror_transactions", "Transactions mirrored since the start", lambda of: of.mirror.transactions),
+    _counter("mirror_unread_writes", "Writes that could not be read since the start", lambda of: of.mirror.unread),
+    _gauge("ingest_agents", "Agents connected", lambda of: len(of.agents)),
+    _counter("ingest_records", "Agents' records taken in since the start", lambda of: of.intake.records),
+    _counter("ingest_rejected", "Agents' records rejected since the start", lambda of: of.intake.rejected),
+    _gauge("live_clients", "Live connections", lambda of: len(of.hub)),
+    _counter("live_frames", "Live frames queued for clients since the start", lambda of: of.hub.frames),
+    _counter("live_bytes", "Characters of these; of those that go packed, bytes", lambda of: of.hub.bytes),
+    _counter("live_closed_slow", "Live connections closed because they fell behind", lambda of: of.hub.closed_slow),
+    _gauge("uspace_flights", "Flights that other U-space systems are told of", lambda of: of.uspace.served),
+    _gauge("uspace_areas", "Identification service areas that stand in the DSS", lambda of: len(of.uspace.areas)),
+    _counter("uspace_problems", "Times that an area could not be announced", lambda of: of.uspace.problems),
+)
+"""All of them, in the order in which they are told."""
 
 MetricsDep = Annotated[Metrics, part(Metrics)]
-
-
-def _gauge(name: str, text: str, value: float) -> Metric:
-    return GaugeMetricFamily(f"wonderland_{name}", text, value=value)
-
-
-def _counter(name: str, text: str, value: float) -> Metric:
-    return CounterMetricFamily(f"wonderland_{name}", text, value=value)

@@ -15,11 +15,14 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.mark.parametrize(
     ("script", "page"),
     [
-        ("reference.py", "records.md"),
+        ("records_reference.py", "records.md"),
         ("ingest_reference.py", "ingest.md"),
         ("settings_reference.py", "settings.md"),
         ("commands_reference.py", "commands.md"),
         ("problems_reference.py", "problems.md"),
+        ("metrics_reference.py", "metrics.md"),
+        ("events_reference.py", "events.md"),
+        ("rest_reference.py", "rest.md"),
     ],
 )
 def test_references_are_fresh(tmp_path, script, page):

@@ -375,7 +375,7 @@ class UpdateAsset(Record):
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class AssetById(Record):
-    """Names an asset."""
+    """Names an asset: the one to read, or to delete."""
 
     id: assets.AssetId
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Any
+
+from pages import table, write
 
 from wonderland.proofs.records import assets, changes, closures, pads, policies, sessions, uavs, verdicts
 from wonderland.proofs.records.schema import Record
-from wonderland.proofs.records.transactions import TRANSACTIONS
+from wonderland.proofs.records.transactions import ROLES, TRANSACTIONS
 from wonderland.proofs.transcript import Transcript
 
 RECORDS: tuple[type[Record], ...] = (
@@ -35,12 +35,18 @@ def page() -> str:
         "",
         "## Transactions",
         "",
-        "| Transaction | Who | Event |",
-        "|---|---|---|",
+        *table(
+            ("Transaction", "Who", "Event"),
+            [
+                (
+                    f"[{entry.name}](#{entry.name.lower()})",
+                    ", ".join(entry.roles) if len(entry.roles) < len(ROLES) else "every role",
+                    entry.event or "(query)",
+                )
+                for entry in TRANSACTIONS.values()
+            ],
+        ),
     ]
-    for entry in TRANSACTIONS.values():
-        who = ", ".join(entry.roles) if len(entry.roles) < 7 else "every role"
-        lines.append(f"| [{entry.name}](#{entry.name.lower()}) | {who} | {entry.event or '(query)'} |")
     for entry in TRANSACTIONS.values():
         schema = entry.argument.json_schema()
         lines += ["", f"### {entry.name}", "", schema["description"], "", *_table(schema)]
@@ -52,17 +58,17 @@ def page() -> str:
 
 
 def _table(schema: dict[str, Any]) -> list[str]:
-    rows = ["| Field | Type | | |", "|---|---|---|---|"]
+    rows = []
     for name, field in schema["properties"].items():
         needed = "" if name in schema["required"] else "optional"
         said = "" if "properties" in field else field.get("description", "")
-        rows.append(f"| `{name}` | {_type(field)} | {needed} | {said} |")
-    return rows
+        rows.append((f"`{name}`", _type(field), needed, said))
+    return table(("Field", "Type", "", ""), rows)
 
 
 def _type(field: dict[str, Any]) -> str:
     if "enum" in field:
-        return " \\| ".join(f"`{option}`" for option in field["enum"])
+        return " | ".join(f"`{option}`" for option in field["enum"])
     if field["type"] == "integer":
         return f"integer {field['minimum']} … {field['maximum']}"
     if field["type"] == "array":
@@ -75,5 +81,4 @@ def _type(field: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).parent.mkdir(parents=True, exist_ok=True)
-    Path(sys.argv[1]).write_text(page(), encoding="utf-8")
+    write(page)
