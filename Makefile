@@ -138,7 +138,7 @@ sbom: $(VENV)/.ready ## What is inside, as CycloneDX: dist/*.cdx.json
 	@$(BIN)/python scripts/supply.py sbom dist
 
 # Debian packages are made by debhelper, signed by the GnuPG key that WONDERLAND_RELEASE_KEY names, and tried on a bare Debian.
-release: setup ## What a release is, into dist/: wheels, sdists, .deb, SBOMs, checksums, signature; each installed and tried
+release: setup $(VENV)/.site ## What a release is, into dist/: wheels, sdists, .deb, SBOMs, documentation, checksums, signature; each installed and tried
 	@$(BIN)/python scripts/release.py dist
 	@WONDERLAND_PACKAGES=dist $(BIN)/python -m pytest tests/release tests/distributions -q -rs
 

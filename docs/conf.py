@@ -19,7 +19,10 @@ from sphinx.transforms import SphinxTransform
 
 project = "Wonderland"
 version = release = os.environ.get("WONDERLAND_VERSION", "")
-copyright = "The Wonderland authors, Apache-2.0"  # noqa: A001 - Sphinx's name
+commit = os.environ.get("WONDERLAND_COMMIT", "")
+copyright = (  # noqa: A001 - Sphinx's name
+    f"The Wonderland authors, Apache-2.0. Of version {version}{f', commit {commit}' if commit else ''}"
+)
 extensions = ["myst_parser", "sphinx_copybutton"]
 root_doc = "docs/README"
 include_patterns = ["*.md", "docs/**", "**/README.md"]

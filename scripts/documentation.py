@@ -6,10 +6,12 @@ that the navigation lacks. The pages are copied, so that nothing is written into
 
 from __future__ import annotations
 
+import gzip
 import os
 import shutil
 import subprocess
 import sys
+import tarfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -39,12 +41,38 @@ def lay_out(to: Path) -> None:
             shutil.copy2(source, target)
 
 
+def commit() -> str:
+    """Of which commit the pages are, in short; empty where git is not at hand."""
+    try:
+        done = subprocess.run(
+            ["git", "rev-parse", "--short=12", "HEAD"], cwd=ROOT, check=True, capture_output=True, text=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return done.stdout.strip()
+
+
+def pack(html: Path, to: Path, moment_s: int) -> None:
+    """The site as one .tar.gz, its directory called like the file: the same bytes for the same pages and moment."""
+    name = to.name.removesuffix(".tar.gz")
+    with (
+        to.open("wb") as file,
+        gzip.GzipFile("", "wb", fileobj=file, mtime=moment_s) as packed,
+        tarfile.open(fileobj=packed, mode="w") as archive,
+    ):
+        for path in sorted(filter(Path.is_file, html.rglob("*")), key=Path.as_posix):
+            entry = tarfile.TarInfo(f"{name}/{path.relative_to(html).as_posix()}")
+            entry.size, entry.mtime = path.stat().st_size, moment_s
+            with path.open("rb") as content:
+                archive.addfile(entry, content)
+
+
 def build(source: Path, to: Path) -> int:
     """Sphinx's exit code."""
     doctrees = to.with_name("doctrees")
     for each in (to, doctrees):
         shutil.rmtree(each, ignore_errors=True)
-    environment = {**os.environ, "WONDERLAND_VERSION": version("wonderland-core")}
+    environment = {**os.environ, "WONDERLAND_VERSION": version("wonderland-core"), "WONDERLAND_COMMIT": commit()}
     command = [sys.executable, "-m", "sphinx", "--builder", "html", "--quiet", "--fail-on-warning", "--keep-going"]
     command += ["--conf-dir", str(ROOT / "docs"), "--doctree-dir", str(doctrees), "--jobs", "auto"]
     done = subprocess.run([*command, str(source), str(to)], env=environment, check=False)

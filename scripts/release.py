@@ -1,4 +1,4 @@
-"""What a release is: ``release.py DIST``. Wheels, sdists, Debian packages, SBOMs, checksums, a signature.
+"""What a release is: ``release.py DIST``. Wheels, sdists, Debian packages, SBOMs, documentation, sums, a signature.
 
     WONDERLAND_RELEASE_KEY=FINGERPRINT    the GnuPG key that signs; without it nothing is signed, and that is said
 
@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Final
 
 import debian
+import documentation
 import supply
 
 ROOT: Final = Path(__file__).resolve().parent.parent
@@ -56,6 +57,15 @@ def packages(to: Path) -> None:
     if shutil.which("lintian"):
         found = sorted(map(str, to.glob("*.deb")))
         _run("lintian", "--fail-on", "error", "--suppress-tags", ",".join(debian.NOT_OURS), *found)
+
+
+def site(to: Path, version: str) -> None:
+    """The documentation, as one archive. Raises `ReleaseError`."""
+    with tempfile.TemporaryDirectory() as made:
+        if documentation.main([made]):
+            raise ReleaseError("no documentation")
+        archive = to / f"wonderland-documentation-{version}.tar.gz"
+        documentation.pack(Path(made) / "html", archive, debian.commit_time())
 
 
 def sums(to: Path) -> Path:
@@ -120,6 +130,7 @@ def main(arguments: list[str]) -> int:
         wheels_and_sdists(to)
         packages(to)
         supply.sbom(to)
+        site(to, version)
         shutil.copy(ROOT / NOTES, to)
         signature = sign(sums(to))
     except (ReleaseError, debian.DebianError, subprocess.CalledProcessError, OSError) as error:

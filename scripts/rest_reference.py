@@ -39,7 +39,7 @@ def page() -> str:
 
 def _who(operation: dict[str, Any]) -> str:
     ways = [next(iter(each.items())) for each in operation["security"]]
-    machines = [f"`{scope}`" for way, scopes in ways if way == "client" for scope in scopes]
+    machines = [scope for way, scopes in ways if way == "client" for scope in scopes]
     named = {"person": "people", "metrics": "the metrics token"}
     return ", ".join([named[way] for way, _ in ways if way in named] + machines) or "everybody"
 

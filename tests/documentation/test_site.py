@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import re
+import shutil
 import subprocess
 import sys
+import tarfile
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -15,6 +18,9 @@ pytest.importorskip("sphinx", reason="make site installs what makes the site")
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "scripts" / "documentation.py"
+sys.path.insert(0, str(PROGRAM.parent))
+import documentation  # noqa: E402
+
 LOADED = {
     ("script", "src"),
     ("link", "href"),
@@ -113,10 +119,35 @@ def test_every_page_is_in_the_navigation_and_found_by_the_search(site, pages):
     assert "docs/README.html" in (site / "index.html").read_text()
 
 
-def test_it_names_its_version(site):
+def test_it_names_its_version_and_commit(site):
     from wonderland import __version__
 
-    assert f"Wonderland {__version__}" in (site / "docs/README.html").read_text("utf-8")
+    shown = (site / "docs/README.html").read_text("utf-8")
+    assert f"Wonderland {__version__}" in shown
+    assert f"Of version {__version__}" in shown
+    assert documentation.commit() in shown
+
+
+def test_without_git_it_names_no_commit(monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    assert documentation.commit() == ""
+
+
+def test_it_is_packed_into_the_same_bytes_each_time(site, tmp_path):
+    again = tmp_path / "html"
+    shutil.copytree(site, again, copy_function=shutil.copyfile)  # other times of change
+    packed = []
+    for html, directory in ((site, tmp_path / "one"), (again, tmp_path / "two")):
+        directory.mkdir()
+        documentation.pack(html, directory / "wonderland-documentation-1.tar.gz", 1_700_000_000)
+        packed.append((directory / "wonderland-documentation-1.tar.gz").read_bytes())
+    assert packed[0] == packed[1]
+    with tarfile.open(fileobj=io.BytesIO(packed[0])) as archive:
+        names = archive.getnames()
+        assert {each.mtime for each in archive} == {1_700_000_000}
+    assert names == sorted(names)
+    assert "wonderland-documentation-1/index.html" in names
+    assert len(names) == sum(path.is_file() for path in site.rglob("*"))
 
 
 PLAIN = {
