@@ -75,6 +75,10 @@ def test_from_a_request_to_a_transaction_and_no_key_travels(data, tmp_path):
         assert key.stat().st_mode & 0o077 == 0
         load_pem_private_key(key.read_bytes(), None)
     asyncio.run(registered(place, "roof-operator", "enrolled-1"))
+    run("enrol", "request", "pad-20", "--role", "pad", "--dir", place)
+    run("enrol", "admit", place / "pad-20.request", "--data", data, "--yes")
+    again = run("enrol", "accept", place / "pad-20.admission", "--dir", place, "--yes", exit_code=1)
+    assert "is that of roof-operator already" in again
     assert not list(data.rglob("*roof-operator*key*")), "the ledger's directory never had it"
 
 

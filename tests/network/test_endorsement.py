@@ -7,7 +7,7 @@ from fabric_protos.common import policies_pb2
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wonderland_fabric_network.endorsement import parse_endorsement
+from wonderland_fabric_network.endorsement import endorsement_text, organisations_of, parse_endorsement
 from wonderland_fabric_network.errors import DescriptionError
 
 
@@ -84,6 +84,21 @@ def test_every_policy_names_only_principals_that_it_has(text):
 
     check(again.rule)
     assert len(policy.principals) == count
+
+
+@settings(deadline=None, max_examples=80)
+@given(_rules)
+def test_what_a_channel_agreed_on_is_said_as_text_and_means_the_same(text):
+    policy = parse_endorsement(text)
+    parameter = policy.validation_parameter()
+    assert parse_endorsement(endorsement_text(parameter)).validation_parameter() == parameter
+    assert organisations_of(parameter) == set(policy.organisations)
+
+
+@pytest.mark.parametrize("data", [b"\xff", b"\x0a\x02\xff\xff"])
+def test_a_policy_that_is_none_is_said_to_be(data):
+    with pytest.raises(DescriptionError):
+        endorsement_text(data)
 
 
 @settings(deadline=None, max_examples=80)

@@ -421,5 +421,9 @@ async def test_members_change_the_blocks_and_one_leaves_again(parts, newcomer):
     assert "noted here" in pads.run("submit", file)
     assert "so already" in pads.run("propose", "--remove", "Pad2MSP", "--yes", "--to", file, code=1)
     await pads.submit("pad_operator", "RegisterPad", pad("pad-10"))
+    policy = "AND('PadMSP.peer', 'AuthorityMSP.peer')"
+    await together([authority, pads], "upgrade", "--endorsement", policy, "--without", "FleetMSP")
+    assert f"sequence 4, endorsement {policy}" in fleet.run("upgrade"), "it was away, and takes what holds"
+    assert NetworkDescription.load(fleet.directory / "network.yaml").contract.endorsement == policy
     fleet.run("down")
     fleet.run("up")

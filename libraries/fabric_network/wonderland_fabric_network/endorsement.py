@@ -69,12 +69,45 @@ def parse_endorsement(text: str) -> EndorsementPolicy:
 
 def organisations_of(validation_parameter: bytes) -> frozenset[str]:
     """The MSP ids that a committed definition's policy (``protos.ApplicationPolicy``) names."""
-    what = "endorsement policy"
-    policy = decode(policy_pb2.ApplicationPolicy, validation_parameter, what, DescriptionError).signature_policy
-    return frozenset(
-        str(decode(msp_principal_pb2.MSPRole, each.principal, what, DescriptionError).msp_identifier)
+    return frozenset(principal.msp_id for principal in _principals(_committed(validation_parameter)))
+
+
+def endorsement_text(validation_parameter: bytes) -> str:
+    """A committed definition's policy as text; parsed again it is the same policy. Raises `DescriptionError`."""
+    policy = _committed(validation_parameter)
+    principals = _principals(policy)
+
+    def said(rule: policies_pb2.SignaturePolicy, depth: int) -> str:
+        if depth > MAX_DEPTH:
+            raise DescriptionError(f"the committed endorsement policy is nested deeper than {MAX_DEPTH}")
+        if rule.WhichOneof("Type") == "signed_by":
+            who = principals[rule.signed_by]
+            return f"'{who.msp_id}.{who.role}'"
+        rules = [said(each, depth + 1) for each in rule.n_out_of.rules]
+        if rule.n_out_of.n == len(rules):
+            return f"AND({', '.join(rules)})"
+        return f"OR({', '.join(rules)})" if rule.n_out_of.n == 1 else f"OutOf({rule.n_out_of.n}, {', '.join(rules)})"
+
+    text = said(policy.rule, 0)
+    if parse_endorsement(text).validation_parameter() != validation_parameter:
+        raise DescriptionError(
+            f"the committed endorsement policy is one that cannot be said as text exactly; {text} comes near. Next: "
+            "say with --endorsement what is to hold"
+        )
+    return text
+
+
+def _committed(validation_parameter: bytes) -> policies_pb2.SignaturePolicyEnvelope:
+    found = decode(policy_pb2.ApplicationPolicy, validation_parameter, "endorsement policy", DescriptionError)
+    return found.signature_policy
+
+
+def _principals(policy: policies_pb2.SignaturePolicyEnvelope) -> list[Principal]:
+    roles = [
+        decode(msp_principal_pb2.MSPRole, each.principal, "endorsement policy", DescriptionError)
         for each in policy.identities
-    )
+    ]
+    return [Principal(str(each.msp_identifier), ROLES[each.role]) for each in roles]
 
 
 @dataclass

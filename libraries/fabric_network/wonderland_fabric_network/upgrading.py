@@ -23,6 +23,7 @@ from wonderland_fabric_network.contract import (
     installed_contract,
 )
 from wonderland_fabric_network.description import extended_endorsement
+from wonderland_fabric_network.endorsement import endorsement_text
 from wonderland_fabric_network.errors import DirectoryStateError
 from wonderland_fabric_network.network import Network, contract_component
 from wonderland_fabric_network.with_others import WithOthers
@@ -59,22 +60,26 @@ async def upgrade(
     """Agree on the installed contract, and on `endorsement` where given. Raises `NetworkError`.
 
     Where each member has its own part this is one member's approval, and it waits for the others', except for those of
-    `without`. A newcomer that operates pads becomes part of the standard policy by itself. Returns the network with its
-    changed description, too.
+    `without`; the policy is then the channel's own, whatever this directory last knew. A newcomer that operates pads
+    becomes part of the standard policy by itself. Returns the network with its changed description, too.
     """
     network.require_here()
     if not network.peers:
         raise DirectoryStateError(f"{', '.join(network.msp_ids)} orders blocks only, and has no say in the contract")
-    if endorsement is None:
-        endorsement = extended_endorsement(network.description)
-    if endorsement is not None:
-        network = network.with_description(network.description.with_endorsement(endorsement))
-    installed = installed_contract(network.description.contract.package)
     async with AsyncExitStack() as stack:
         peers = await network.peer_admins(stack)
         committed = await peers[0].definition(network.channel, network.description.contract.name)
         if committed is None:
             raise DirectoryStateError("there is no contract on the channel yet; `wonderland network up` agrees on one")
+        description = network.description
+        if endorsement is not None:
+            description = description.with_endorsement(endorsement)
+        elif network.membership is not None:
+            description = description.with_endorsement(endorsement_text(committed.validation_parameter))
+        if endorsement is None and (extended := extended_endorsement(description)) is not None:
+            description = description.with_endorsement(extended)
+        network = network.with_description(description)
+        installed = installed_contract(description.contract.package)
         former = load_agreement(network.directory.contract_file)
         if network.membership is not None and former is not None and former.version == installed.version:
             require_installed(former, installed)  # the others could not tell it from the one that they approved

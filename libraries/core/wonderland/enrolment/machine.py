@@ -118,6 +118,10 @@ def accept(place: Place, admission: Admission) -> str:
     request = next((each for each in waiting if each.sha256 == admission.request_sha256), waiting[0])
     admission.require_answers(request)
     name = request.name
+    if place.connection.exists() and (taken := set(Connection.load(place.connection).identities) - {name}):
+        raise EnrolmentError(
+            f"{place.connection} is that of {', '.join(sorted(taken))} already. Next: use another --dir for {name}"
+        )
     files = {
         place.path / f"{name}.pem": admission.certificate,
         place.path / "tls-ca.pem": admission.tls_root,
