@@ -16,11 +16,17 @@ from wonderland.proofs import encoding
 from wonderland_fabric_gateway.ca.local import Kind, LocalCa
 from wonderland_fabric_gateway.connection import Connection
 from wonderland_fabric_gateway.gateway import Gateway
+from wonderland_fabric_network.agreement import ContractDiffersError
 from wonderland_fabric_network.cards import keep_cards, load_membership
 from wonderland_fabric_network.description import NetworkDescription
 from wonderland_fabric_network.errors import DescriptionError, DirectoryStateError
 from wonderland_fabric_network.layout import NetworkDirectory
+from wonderland_fabric_network.lifecycle import Definition
 from wonderland_fabric_network.membership import MemberCard, Membership, shared_sha256
+from wonderland_fabric_network.network import Network
+from wonderland_fabric_network.peers import CommittedDefinition
+from wonderland_fabric_network.ports import Ports
+from wonderland_fabric_network.with_others import WithOthers
 
 YAML = b"""
 organisations:
@@ -157,6 +163,32 @@ def test_a_directory_knows_whose_keys_it_has(cards, tmp_path):
     directory.mine_file.write_text('{"mine": []}')
     with pytest.raises(DirectoryStateError, match="whose keys are here"):
         load_membership(directory)
+
+
+class Peer:
+    """Its channel has agreed on something."""
+
+    def __init__(self, *, sequence, version, parameter):
+        self.committed = CommittedDefinition(sequence, version, parameter, {})
+
+    async def definition(self, *_):
+        return self.committed
+
+
+@pytest.mark.parametrize(
+    ("version", "parameter", "same"), [("1.0", b"x", True), ("1.1", b"x", False), ("1.0", b"y", False)]
+)
+async def test_what_others_agreed_on_meanwhile_is_not_taken_for_ones_own(tmp_path, version, parameter, same):
+    part = Network(NetworkDirectory(tmp_path), DESCRIPTION, Ports({}), membership=Membership(("FleetMSP",)))
+    waiting = WithOthers(part, lambda *_: None)
+    wanted = Definition("pol", 2, "1.0", b"x")
+    assert not await waiting._committed(Peer(sequence=1, version="0.9", parameter=b"z"), wanted)
+    peer = Peer(sequence=2, version=version, parameter=parameter)
+    if same:
+        assert await waiting._committed(peer, wanted)
+    else:
+        with pytest.raises(ContractDiffersError, match="the others agreed on another version or endorsement policy"):
+            await waiting._committed(peer, wanted)
 
 
 # --- with Fabric's own servers -----------------------------------------------------------------------------------------

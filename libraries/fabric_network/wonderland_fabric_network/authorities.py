@@ -22,6 +22,7 @@ from wonderland_fabric_gateway.ca.client import (
     FabricCaError,
     FabricCaUnreachableError,
 )
+from wonderland_fabric_gateway.ca.requests import TLS_PROFILE, CertificateRequest
 from wonderland_fabric_gateway.files import PUBLIC, read_bounded, write_atomic
 from wonderland_fabric_network import certificates, settings
 from wonderland_fabric_network.errors import CertificateStateError, ComponentError, DirectoryStateError
@@ -31,7 +32,6 @@ from wonderland_fabric_network.processes import Launch, ProcessTable
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from wonderland_fabric_gateway.ca.requests import CertificateRequest
     from wonderland_fabric_gateway.identity import SigningIdentity
     from wonderland_fabric_network.description import Certificates
     from wonderland_fabric_network.hosts import Hosts
@@ -233,7 +233,7 @@ class Authority:
         certificate = await self.ca.enrol_request(request, secret)
         registrar = await self._registrar(self.tls_ca, self.directory.tls_identity(REGISTRAR))
         await self._let_enrol(self.tls_ca, registrar, Certified(who.name, who.node_ou, {}), secret)
-        return Admitted(certificate, await self.tls_ca.enrol_request(tls_request, secret, profile=settings.TLS_PROFILE))
+        return Admitted(certificate, await self.tls_ca.enrol_request(tls_request, secret, profile=TLS_PROFILE))
 
     async def ensure_tls(self, name: str, node_ou: str, paths: IdentityPaths) -> None:
         """Key and TLS certificate for a server or client of this organisation. Raises `CaError`."""
@@ -252,7 +252,7 @@ class Authority:
             registrar,
             Certified(name, node_ou, {}),
             paths,
-            profile=settings.TLS_PROFILE,
+            profile=TLS_PROFILE,
             hosts=self.hosts(name),
         )
 
@@ -263,7 +263,7 @@ class Authority:
     async def renew_tls(self, name: str, paths: IdentityPaths, *, keep_key: bool = False) -> None:
         """A new TLS certificate for a name that was enrolled before. Raises `CaError`."""
         registrar = await self._registrar(self.tls_ca, self.directory.tls_identity(REGISTRAR))
-        profile = settings.TLS_PROFILE
+        profile = TLS_PROFILE
         await self._renew(
             self.tls_ca, registrar, name, paths, keep_key=keep_key, profile=profile, hosts=self.hosts(name)
         )

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, Final
 
+from wonderland_fabric_gateway.ca.requests import TLS_PROFILE
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import PurePath
@@ -33,7 +35,6 @@ IMAGE_BUILDER: Final = PurePosixPath("/opt/hyperledger/ccaas_builder")
 """Where Fabric's image of a peer has its builder of contract servers."""
 BUILDER_VARIABLE: Final = "CHAINCODE_AS_A_SERVICE_BUILDER_CONFIG"
 MAX_MESSAGE_BYTES: Final = 100 << 20
-TLS_PROFILE: Final = "tls"
 TLS_CA_DIRECTORY: Final = "tls-ca"
 LOGGING: Final = "comm.grpc.server,endorser,gateway,gossip.privdata,committer.txvalidator=warn:info"
 """What servers log. At info these modules write nine of ten lines, one or more for each call, which costs a peer about

@@ -95,8 +95,16 @@ class WithOthers:
                 await self._wait(f"the members to admit {peer.msp_id} (`propose --admit`, `sign`, `submit`)", None)
 
     async def _committed(self, peer: PeerAdmin, wanted: lifecycle.Definition) -> bool:
-        definition = await peer.definition(self._network.channel, wanted.name)
-        return definition is not None and definition.sequence >= wanted.sequence
+        """Whether the channel has it. Raises `ContractDiffersError` where the others agreed on something else."""
+        there = await peer.definition(self._network.channel, wanted.name)
+        if there is None or there.sequence < wanted.sequence:
+            return False
+        if (there.version, there.validation_parameter) != (wanted.version, wanted.validation_parameter):
+            raise ContractDiffersError(
+                f"the others agreed on another version or endorsement policy ({there.version}, sequence "
+                f"{there.sequence}) while this member waited. Next: `wonderland network upgrade` takes that"
+            )
+        return True
 
     async def _approve(self, peers: list[PeerAdmin], wanted: lifecycle.Definition, package: ContractPackage) -> None:
         network = self._network

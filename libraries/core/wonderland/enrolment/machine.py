@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 from wonderland.enrolment.records import MAX_BYTES, Admission, EnrolmentError, EnrolmentRequest
 from wonderland_fabric_gateway.ca.certificates import new_private_key, private_key_pem
-from wonderland_fabric_gateway.ca.requests import CertificateRequest
+from wonderland_fabric_gateway.ca.requests import TLS_PROFILE, CertificateRequest
 from wonderland_fabric_gateway.certificates import certificate_of
 from wonderland_fabric_gateway.connection import (
     FILE_NAME,
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
     from wonderland_fabric_gateway.ca.random import RandomBytes
 
-TLS_PROFILE: Final = "tls"
 _TLS: Final = "client-tls"
 
 
@@ -186,7 +185,7 @@ async def renew(connection: Connection, name: str, *, within: dt.timedelta, now:
         request = CertificateRequest.of_key_file(current.identity.common_name, key)
         ca_name = authority.tls_ca_name if is_tls else authority.ca_name
         async with FabricCaClient(authority.address, ca_name, root) as ca:
-            pem = await ca.reenrol_request(current, request, profile=TLS_PROFILE if is_tls else "")
+            pem = await ca.reenrol(current, request, profile=TLS_PROFILE if is_tls else "")
         write_atomic(certificate, pem, PUBLIC)
         done.append(f"{what} certificate of {name}, valid until {_ends(certificate):%Y-%m-%d}")
     return done

@@ -147,23 +147,8 @@ class FabricCaClient:
         result = await self._call("POST", "/api/v1/enroll", body, basic=(request.name, secret))
         return self._certificate(result, request.name, request.public_key)
 
-    async def reenrol(
-        self,
-        current: SigningIdentity,
-        key: ec.EllipticCurvePrivateKey,
-        *,
-        profile: str = "",
-        hosts: Sequence[str] = (),
-    ) -> bytes:
-        """A new certificate (PEM) in place of one that is still valid, by its key. Raises `CaError`."""
-        name = current.identity.common_name
-        result = await self._call("POST", "/api/v1/reenroll", _enrolment(name, key, profile, hosts), who=current)
-        return self._certificate(result, name, key.public_key())
-
-    async def reenrol_request(
-        self, current: SigningIdentity, request: CertificateRequest, *, profile: str = ""
-    ) -> bytes:
-        """The same by a request for a key, which may be that of now. Raises `CaError`."""
+    async def reenrol(self, current: SigningIdentity, request: CertificateRequest, *, profile: str = "") -> bytes:
+        """A new certificate (PEM) in place of one that still holds; its key may go on. Raises `CaError`."""
         body = {"certificate_request": request.pem, "profile": profile, "hosts": []}
         result = await self._call("POST", "/api/v1/reenroll", body, who=current)
         return self._certificate(result, request.name, request.public_key)

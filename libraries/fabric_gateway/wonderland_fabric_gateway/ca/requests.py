@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric import ec
 
 MAX_BYTES: Final = 8_192
+TLS_PROFILE: Final = "tls"
+"""By which a Fabric CA certifies for TLS, not for signing."""
 
 
 @dataclass(frozen=True, slots=True)
